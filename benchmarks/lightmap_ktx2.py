@@ -17,11 +17,12 @@ from lightwell.fields.lightmap.fit import PRESETS, LightmapFit
 from lightwell.fields.lightmap.fitting import fitted
 from lightwell.fields.lightmap.options import stored_as
 from lightwell.fields.lightmap.sides import lit_scene, lit_sides
+from lightwell.fields.lightmap.square import atlas_of
 from lightwell.fields.lightmap.trace import chart
 from lightwell.fields.lightmap.views import eye_samples
 from lightwell.graph.pictures import gpu_bytes
 from lightwell.scenes import load
-from lightwell.scenes.atlas import Atlas, build
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import Scene
 from lightwell.transport import draw_surface
 from lightwell.transport.lightmap_query import query_of_lightmap
@@ -42,7 +43,7 @@ def rows(quick: bool) -> list[Row]:
     effort = QUICK if quick else EFFORT
     scene = lit_scene(load("courtyard"))[0]
     sides = lit_sides(scene, SEED)
-    atlas = build(scene, effort.size, sides.lit, MIPS, dark=sides.dark, faint=sides.faint)
+    atlas = atlas_of(scene, effort.size, MIPS, sides)
     made = chart(scene, effort.size, MIPS, effort.paths, SEED, atlas=atlas)
     samples = eye_samples(scene, made, effort.eyes, effort.eye_paths, SEED + 5, made.image)
     held = _held_out(scene, atlas, effort.view_paths)

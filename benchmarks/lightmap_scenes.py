@@ -23,7 +23,7 @@ from lightwell.fields.lightmap.fitting import STARTS, base_picture, fitted, samp
 from lightwell.fields.lightmap.seams import SHARE, seam_pairs, seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides
 from lightwell.fields.lightmap.size_limit import CODECS
-from lightwell.fields.lightmap.square import roomy_atlas
+from lightwell.fields.lightmap.square import atlas_of, roomy_atlas
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.report.picture_metrics import flip
@@ -134,7 +134,7 @@ def trace(source, effort: Effort) -> Traced:
     start = perf_counter()
     scene, _ = lit_scene(load(str(source)))
     sides = lit_sides(scene, 0)
-    atlas = roomy_atlas(scene, effort.size, MIPS, sides)
+    atlas = roomy_atlas(scene, effort.size, MIPS, sides).first
     # The same paths altogether, whatever the size of the square.
     paths = max(effort.paths * effort.size**2 // atlas.size**2 // 2 * 2, 4)
     made = chart(scene, atlas.size, MIPS, paths, 0, sides=sides, atlas=atlas)
@@ -385,11 +385,9 @@ def chosen_bytes(traced: Traced) -> LightmapPreset:
 
 def mip_rows(name: str, traced: Traced) -> list[Row]:
     """Coverage with the padding that a mip level takes."""
-    from lightwell.scenes.atlas import build
-
     sides = traced.sides
     try:
-        atlas = build(traced.scene, traced.made.atlas.size, sides.lit, 1, dark=sides.dark, faint=sides.faint)
+        atlas = atlas_of(traced.scene, traced.made.atlas.size, 1, sides)
     except ValueError:
         return []
     return [without_bar(f"{name}: atlas coverage with padding for mip 1", atlas.coverage, "of 1")]

@@ -102,7 +102,7 @@ def free_rows(scene: Scene, a: mi.Point3f, b: mi.Point3f) -> np.ndarray:
     length = dr.norm(way)
     ray = mi.Ray3f(a, way * dr.rcp(dr.maximum(length, 1e-30)))
     ray.maxt = length * (1 - SHORT)
-    blocked = scene.mi.ray_test(ray) & (length > LEAST * scene.extent)
+    blocked = scene.mi.ray_test(ray) & (length > LEAST * scene.core_extent)
     return ~np.array(blocked, bool).reshape(-1)
 
 

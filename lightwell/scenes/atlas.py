@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from lightwell.scenes.atlas_charts import NOWHERE as NOWHERE
 from lightwell.scenes.atlas_charts import components, cross, packed, pieces
@@ -19,6 +20,8 @@ from lightwell.scenes.scene import Mesh, Scene
 # A bilinear read at mip level m reaches this many texels of that level beyond its point: half a texel to the farther
 # centre, one between the centres.
 REACH = 1.5
+# A normal that differs by its length counts as so many extents of distance.
+TURN = 0.05
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,25 @@ def build(
             return _authored(scene, size, lit, mips, first)
     cut = pieces(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
     uv, chart = packed(cut, size, padding(mips), lit)
+    _borrow(scene, uv, chart, dark)
     return Atlas(size, mips, _both(uv, chart, dark), chart, first, f"xatlas ({reason})")
+
+
+def _borrow(scene: Scene, uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> None:
+    """Let triangles of which no side is stored read the nearest stored triangle of about their direction.
+
+    A search for visible sides can miss some, and black is the worst guess.
+    """
+    missing = (chart < 0).all(axis=0) & (True if dark is None else ~dark.any(axis=0))
+    side, triangle = np.nonzero(chart >= 0)
+    if not missing.any() or not len(side):
+        return
+    corners = np.concatenate([m.positions[m.indices.astype(np.int64)] for m in scene.meshes]).astype(np.float64)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    place = np.concatenate([corners.mean(axis=1), TURN * scene.core_extent * normal], axis=1)
+    nearest = cKDTree(place[triangle]).query(place[missing])[1]
+    uv[:, missing] = uv[side[nearest], triangle[nearest]].mean(axis=1)[None, :, None]
 
 
 def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndarray:
@@ -251,28 +272,43 @@ def _authored(scene: Scene, size: int, lit: np.ndarray, mips: int, first: np.nda
 # ---------------------------------------------------------------------- output meshes
 
 
-def charted_meshes(scene: Scene, atlas: Atlas) -> list[Mesh]:
-    """Make meshes with ``uv1`` from an atlas, vertices split along chart borders.
+def charted(scene: Scene, atlas: Atlas) -> Scene:
+    """Make a scene whose meshes have ``uv1`` from an atlas, vertices split along chart borders.
 
-    A sheet whose two sides have different coordinates becomes two meshes of opposite winding.
+    A sheet whose two sides have different coordinates becomes two meshes of opposite winding. Both are culled from
+    behind: in the same place, each would otherwise cover the other.
 
     Args:
         scene: Scene that was unwrapped.
         atlas: Its atlas.
 
     Returns:
-        The meshes.
+        The scene: its materials are those of ``scene`` and behind them the culled ones.
     """
-    made = []
+    meshes: list[Mesh] = []
+    materials = list(scene.materials)
+    culled: dict[int, int] = {}
     for number, mesh in enumerate(scene.meshes):
         rows = slice(atlas.first[number], atlas.first[number + 1])
         twice = (atlas.chart[0, rows] >= 0) & (atlas.uv[0, rows] != atlas.uv[1, rows]).any(axis=(1, 2))
-        made.append(_charted(mesh, mesh.indices, _main_uv(atlas, rows), mesh.name))
-        if twice.any():
-            turned = mesh.indices[twice][:, ::-1]
-            back = _charted(mesh, turned, atlas.uv[1, rows][twice][:, ::-1], f"{mesh.name} (back)")
-            made.append(replace(back, normals=None if back.normals is None else -back.normals))
-    return made
+        front, material = _main_uv(atlas, rows), scene.materials[mesh.material]
+        if not twice.any():
+            meshes.append(_charted(mesh, mesh.indices, front, mesh.name))
+            continue
+        sheet, once = mesh, ~twice
+        if material.double_sided:
+            if mesh.material not in culled:
+                culled[mesh.material] = len(materials)
+                materials.append(replace(material, double_sided=False))
+            sheet = replace(mesh, material=culled[mesh.material])
+            if once.any():
+                meshes.append(_charted(mesh, mesh.indices[once], front[once], f"{mesh.name} (one chart)"))
+        kept = twice if material.double_sided else twice | once
+        meshes.append(_charted(sheet, mesh.indices[kept], front[kept], mesh.name))
+        turned = mesh.indices[twice][:, ::-1]
+        back = _charted(sheet, turned, atlas.uv[1, rows][twice][:, ::-1], f"{mesh.name} (back)")
+        meshes.append(replace(back, normals=None if back.normals is None else -back.normals))
+    return replace(scene, meshes=meshes, materials=materials)
 
 
 def _main_uv(atlas: Atlas, rows: slice) -> np.ndarray:

@@ -22,6 +22,10 @@ Laid = tuple[np.ndarray, np.ndarray, int]
 BRUTE_CHARTS = 700
 # Rounds that fit the packing into its square, and the step back when it is too large.
 FIT_ROUNDS, SHRINK = 6, 0.985
+# The least factor from one scale to the next.
+LEAST_STEP = 0.25
+# No scale near the one that is sought fits where the charts take more than so many times the edge of the square.
+HOPELESS = 1.1
 # Coverage of the square by charts that the search aims at, by how much each further round lowers it, and the number of
 # rounds.
 GOAL, GOAL_STEP, GOAL_ROUNDS = 0.71, 0.002, 12
@@ -106,6 +110,7 @@ def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[
     texels = CUT_EDGE / np.sqrt(max(sum(_surface(piece) for piece in cut), 1e-30))
     with Packer() as packer:
         flat, charts = packer.cut([(piece.positions, piece.indices) for piece in cut], texels)
+        flat = [_finite(piece, points, corners, texels) for piece, (points, corners) in zip(cut, flat)]
         total = sum(_area(points, corners) for points, corners in flat)
         scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
         cut, laid = _merged(cut, flat, scale)
@@ -122,6 +127,22 @@ def _surface(piece: Piece) -> float:
     """Compute the area of a piece, m²."""
     a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _finite(piece: Piece, points: np.ndarray, corners: np.ndarray, texels: float) -> tuple[np.ndarray, np.ndarray]:
+    """Lay triangles without finite texels flat one by one: xatlas flattens triangles of no area to NaN."""
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1)[corners].all(axis=1))
+    if not len(bad):
+        return points, corners
+    a, b, c = (piece.positions[piece.indices[bad, k]].astype(np.float64) * texels for k in range(3))
+    first, last = np.linalg.norm(b - a, axis=1), np.linalg.norm(c - a, axis=1)
+    along = ((b - a) * (c - a)).sum(axis=1) / np.maximum(first, 1e-30)
+    laid = np.zeros((len(bad), 3, 2))
+    laid[:, 1, 0], laid[:, 2, 0] = first, along
+    laid[:, 2, 1] = np.sqrt(np.maximum(last**2 - along**2, 0.0))
+    corners = corners.copy()
+    corners[bad] = len(points) + np.arange(3 * len(bad), dtype=corners.dtype).reshape(-1, 3)
+    return np.concatenate([np.nan_to_num(points, nan=0.0), laid.reshape(-1, 2).astype(points.dtype)]), corners
 
 
 def _apart(packing: Packing) -> bool:
@@ -158,7 +179,7 @@ def fitted(
         Scale and packing; None where none fits.
     """
     brute, best = sum(f[2] for f in laid) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
-    area = sum(_area(points, corners) for points, corners, _ in laid)
+    area, last = sum(_area(points, corners) for points, corners, _ in laid), (0.0, np.inf)
     for attempt in range(2 * FIT_ROUNDS):
         if best is not None and attempt >= FIT_ROUNDS:
             break
@@ -167,9 +188,10 @@ def fitted(
             best = (scale, packing)
         if SHRINK * size < extent <= size:
             break
-        step = (size - 3 * pad) / max(extent - 3 * pad, 1) if packing.squares == 1 else 0.7
+        step = _step(size, pad, (scale, extent), last)
         if best is not None and scale * step * SHRINK <= best[0]:
             break
+        last = (scale, extent)
         scale *= step * (SHRINK if extent > size else 1.0)
     coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
     for wanted in GOAL - GOAL_STEP * np.arange(rounds):
@@ -179,7 +201,23 @@ def fitted(
         packing, extent = _scaled(laid, scale, pad, brute, pack)
         if extent <= size and apart(packing):
             return scale, packing
+        if extent > HOPELESS * size:
+            break
     return best
+
+
+def _step(size: int, pad: int, now: tuple[float, float], last: tuple[float, float]) -> float:
+    """Factor to the next scale, from the last two scales and the edges of the square that they took."""
+    (scale, extent), (before, edge) = now, last
+    if not np.isfinite(extent):
+        return 0.7
+    step = (size - 3 * pad) / max(extent - 3 * pad, 1)
+    slope = (extent - edge) / (scale - before) if np.isfinite(edge) and scale != before else 0.0
+    if slope <= 0:
+        return step
+    # Padding does not shrink with the charts: where they are many, the edge is far from proportional to the scale.
+    straight = max(1 + (size - extent) / (slope * scale), LEAST_STEP)
+    return min(straight, step if extent > size else 1 / LEAST_STEP)
 
 
 def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -254,6 +254,11 @@ class Scene:
         and domes of sky."""
         return self.cache.get(CORE, self._core)
 
+    @property
+    def core_extent(self) -> float:
+        """Longest edge of the core, metres: what is small in a room is small beside this, not beside its sky dome."""
+        return float((self.core[1] - self.core[0]).max())
+
     def _core(self) -> np.ndarray:
         boxes = [] if self.extent < LARGE_SCENE else [box for mesh in self.meshes if (box := self._detail(mesh))]
         if not boxes:

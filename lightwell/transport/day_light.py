@@ -58,7 +58,7 @@ def _sky_rows(radiosity: Radiosity, seed: int):
     of_bin = np.arange(bins.count)[:, None]
     place, normal = (table[of_bin, pick].reshape(-1, 3) for table in (bins.place, bins.normal))
     direction = cosine_directions(normal, _strata(bins.count, random))
-    origin = place + 1e-4 * radiosity.scene.extent * normal
+    origin = place + 1e-4 * radiosity.scene.core_extent * normal
     parts = []
     for start in range(0, len(origin), LANES):
         at = slice(start, start + LANES)

@@ -138,7 +138,7 @@ class LampLight:
         place, normal = self.radiosity.bins.random_place(index, random_streams(at_seed, stream, path))
         number, u, _ = stratified(random_streams(at_seed, stream, LATTICE_STREAM), path, mi.UInt32(BIN_SAMPLES))
         it = dr.zeros(mi.Interaction3f, dr.width(lane))
-        it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.extent) * normal)
+        it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.core_extent) * normal)
         it.n = mi.Normal3f(normal)
         ds, weight, _ = self.sources.sample(it, group, number, u, mi.Bool(True))
         E = weight * dr.maximum(dr.dot(normal, ds.d), 0)

@@ -23,7 +23,7 @@ from lightwell.transport.tables import shape_index, shape_lookup, tables
 RAYS = 32
 # Largest share of rays that may first meet a side of a surface that cannot border on air.
 WRONG_SHARE = 0.25
-# Share of rays that meet something nearer than TOUCH x extent when a point is covered by another surface.
+# Share of rays that meet something nearer than TOUCH x the extent of the core when a point is covered by another surface.
 COVERED_SHARE = 0.95
 TOUCH = 1e-3
 # Surfaces nearer than this x extent lie in the same plane: a few rounding errors of single precision.
@@ -188,7 +188,7 @@ def air_sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
 def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shares of the cosine rays that hit within touch, hit a wrong side, and leave the scene: each [N]."""
     device, sides = DevicePoints(points), air_sides(scene)
-    touch = dr.opaque(mi.Float, TOUCH * scene.extent)
+    touch = dr.opaque(mi.Float, TOUCH * scene.core_extent)
     found = np.zeros((3, len(points)), np.float32)
     batch = LAUNCH // RAYS
     for start in range(0, len(points), batch):

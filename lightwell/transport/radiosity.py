@@ -172,7 +172,7 @@ class Radiosity:
     def _next_bounce(self, place: np.ndarray, normal: np.ndarray, random: np.random.Generator, stream: int):
         """Bins [R], irradiance per irradiance [R, 3], places and normals where rays by the cosine end."""
         direction = cosine_directions(normal, random.random((2, len(normal))))
-        origin = place + 1e-4 * self.scene.extent * normal
+        origin = place + 1e-4 * self.scene.core_extent * normal
         w, p, n, _ = free_ray(self.scene.mi, origin, direction, self.seed, stream)
         index = self.bins.lookup(self.scene.mi, p, n)
         dr.eval(w, p, n, index)
@@ -223,7 +223,7 @@ class Radiosity:
             of_bin, random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), lane, mi.UInt32(0))
         )
         light = dr.gather(mi.Vector3f, upload(mi.Vector3f, lights), lane // dr.opaque(mi.UInt32, count))
-        origin = place + dr.opaque(mi.Float, 1e-4 * self.scene.extent) * n
+        origin = place + dr.opaque(mi.Float, 1e-4 * self.scene.core_extent) * n
         if isinstance(variable, PointLight):
             way = light - origin
             distance2 = dr.squared_norm(way)

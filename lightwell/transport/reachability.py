@@ -46,7 +46,7 @@ def witnesses(scene: Scene) -> np.ndarray:
                 np.zeros((1, 3), np.float32),
             )
             position, _, flat = frames(scene, middle)
-            places.append((position + OFF_SURFACE * scene.extent * flat)[0])
+            places.append((position + OFF_SURFACE * scene.core_extent * flat)[0])
     return np.array(places, np.float32).reshape(-1, 3)
 
 

@@ -123,7 +123,7 @@ def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) 
     opposite = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     height = area[:, None] / np.maximum(np.linalg.norm(opposite, axis=2), 1e-30)
-    wanted = np.minimum(CLEARANCE * scene.extent / np.maximum(height, 1e-30), 1 / 3)
+    wanted = np.minimum(CLEARANCE * scene.core_extent / np.maximum(height, 1e-30), 1 / 3)
     # The least share s of the middle with which w + s (1/3 - w) reaches the wanted value of every weight.
     share = np.where(weights < wanted, (wanted - weights) / np.maximum(1 / 3 - weights, 1e-9), 0).max(axis=1)
     weights += np.clip(share, 0, 1)[:, None] * (1 / 3 - weights)

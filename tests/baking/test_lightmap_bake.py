@@ -176,7 +176,7 @@ def test_small_charts_get_a_larger_square():
     scene, _ = sides.lit_scene(load("cornell"))
     stored = sides.lit_sides(scene, 0)
     for least, largest, size in ((0.0, 2048, 64), (1.0, 2048, 128), (1.0, 64, 64)):
-        assert roomy_atlas(scene, 64, 0, stored, AtlasLimits(least, largest)).size == size
+        assert roomy_atlas(scene, 64, 0, stored, AtlasLimits(least, largest)).first.size == size
 
 
 @pytest.mark.parametrize(
@@ -286,7 +286,7 @@ def test_the_best_of_several_starts_is_taken():
 def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size, times):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
     presets = {"plain": dataclasses.replace(PRESETS["plain"], size=64)}
-    field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest))
+    field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest, usable=0.0))
     changes = {"options": {"mips": 0}, "steps": 10, "shards": None, "budget": Budget(0.1)}
     state, samples = lit(field, BakeSettings("cornell", tmp_path, preset="plain", **SMALL | changes))
     planned, _ = state.job.work.part(field="lightmap").find("lightmap.counts", JSON)

@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
-from lightwell.scenes.atlas import build, charted_meshes, own_fault, padding, texel_hits
+from lightwell.scenes.atlas import build, charted, own_fault, padding, texel_hits
 from lightwell.scenes.atlas_charts import FAINT, TWICE, coverings, fitted
 from lightwell.scenes.scene import Material, Mesh
 
@@ -118,6 +118,18 @@ def test_an_invalid_second_set_is_replaced_and_the_reason_told(shift, scale, fau
     assert build(scene, SIZE, fronts(scene), 1).origin.startswith("xatlas")
 
 
+def test_triangles_of_no_area_are_laid_flat_beside_the_others():
+    wall = quads()[0]
+    # Three corners on a line but for rounding: xatlas flattens them to NaN.
+    line = np.array([[0, 2, 0], [0.46895778, 2, 0], [0.44403672, 2, 1e-8]], np.float32)
+    sliver = Mesh("sliver", line, np.array([[0, 1, 2]], np.uint32), 0)
+    scene = scene_of([wall, sliver])
+    atlas = build(scene, SIZE, fronts(scene), mips=1)
+    assert np.isfinite(atlas.uv).all()
+    assert atlas.coverage > 0.3
+    assert np.array_equal(atlas.chart[0] >= 0, np.ones(3, bool))
+
+
 def test_a_sheet_lit_from_both_sides_gets_two_charts_and_two_meshes():
     scene = scene_of(quads()[:1])
     atlas = build(scene, SIZE, np.ones((2, 2), bool), mips=1)
@@ -125,7 +137,7 @@ def test_a_sheet_lit_from_both_sides_gets_two_charts_and_two_meshes():
         atlas.lookup(np.zeros(1, int), np.zeros(1, int), np.full((1, 2), 1 / 3), np.full(1, s)) for s in (0, 1)
     )
     assert np.abs(front - back).max() * SIZE > 2 * padding(1)
-    meshes = charted_meshes(scene, atlas)
+    meshes = charted(scene, atlas).meshes
     assert [mesh.name for mesh in meshes] == ["floor", "floor (back)"]
     normals = [
         np.cross(m.positions[i[1]] - m.positions[i[0]], m.positions[i[2]] - m.positions[i[0]])
@@ -133,6 +145,27 @@ def test_a_sheet_lit_from_both_sides_gets_two_charts_and_two_meshes():
         for i in m.indices[:1]
     ]
     assert np.dot(*normals) < 0
+
+
+def test_the_meshes_of_a_double_sided_sheet_are_culled_and_the_rest_is_not():
+    # Drawn from both sides, the two meshes of a sheet would cover each other.
+    scene = scene_of(quads())
+    scene = replace(scene, materials=[replace(scene.materials[0], double_sided=True)])
+    sides = np.ones((2, 4), bool)
+    sides[1, 1:] = False
+    made = charted(scene, build(scene, SIZE, sides, mips=1))
+    found = {mesh.name: (len(mesh.indices), made.materials[mesh.material].double_sided) for mesh in made.meshes}
+    assert found == {"floor (one chart)": (1, True), "floor": (1, False), "floor (back)": (1, False), "wall": (2, True)}
+    assert made.materials[0].double_sided and len(made.materials) == 2
+
+
+def test_triangles_that_are_not_stored_read_the_nearest_that_is():
+    scene = scene_of(quads())
+    sides = fronts(scene)
+    sides[:, 3] = False
+    atlas = build(scene, SIZE, sides, mips=1)
+    other = atlas.uv[0, 2].mean(axis=0)
+    assert np.allclose(atlas.uv[:, 3], other) and atlas.chart[0, 3] < 0
 
 
 def test_a_side_that_is_not_stored_reads_the_other_one():
@@ -143,7 +176,7 @@ def test_a_side_that_is_not_stored_reads_the_other_one():
 
 def test_written_meshes_keep_every_corner(rooms):
     scene, atlas = rooms
-    for number, (mesh, made) in enumerate(zip(scene.meshes, charted_meshes(scene, atlas))):
+    for number, (mesh, made) in enumerate(zip(scene.meshes, charted(scene, atlas).meshes)):
         assert np.array_equal(made.positions[made.indices], mesh.positions[mesh.indices])
         rows = slice(atlas.first[number], atlas.first[number + 1])
         assert np.array_equal(made.uv1[made.indices], atlas.uv[0, rows])

@@ -30,14 +30,13 @@ from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
-from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
+from lightwell.fields.lightmap.square import AtlasChoice, AtlasLimits, atlas_of, roomy_atlas
 from lightwell.fields.lightmap.state import EYE_PATHS, FittedLightmap, LightmapState, StillSamples
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
 from lightwell.fields.lightmap.validation import LightmapValidation
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import Job, Role
 from lightwell.fields.surface.tracing import path_rate
-from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
@@ -56,6 +55,8 @@ POINTS_PER_LIGHT = 128
 STEP_SECONDS, LEAST_STEPS = 0.04, 200
 # Edge of the light that the fallback is made from where there is no ordinary light map.
 COARSE = 1024
+# Mip level up to which charts do not mix, where none is asked for.
+MIPS = 1
 # Formats of stored samples.
 LIGHT, VIEWS = RecordFormat(Irradiance), RecordFormat(ViewSamples)
 
@@ -133,7 +134,7 @@ class LightmapField:
                 )
                 return state.part.get("lightmap.moving", make, VIEWS)
             keep = lambda make: state.part.get("lightmap.light", make, LIGHT)  # noqa: E731
-            size, mips = state.atlas.size, job.options.mips
+            size, mips = state.atlas.size, state.atlas.mips
             made = chart(state.scene, size, mips, state.paths, seed, keep=keep, atlas=state.atlas)
             stage.advance(note=f"{state.paths} paths per texel")
             eyes = state.part.get("lightmap.views", lambda: _still_samples(state, made), VIEWS)
@@ -236,30 +237,30 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     look = lit_sides if state.variable is None else seen_sides
     part = job.work.part(field="lightmap")
     sides = part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
-    atlas = _atlas(scene, options, preset, sides, limits)
-    size = atlas.size
-    first = None if request.shards else chart(scene, size, options.mips, TIMED_PATHS, request.seed, atlas=atlas)
+    choice = _atlas(scene, options, preset, sides, limits)
+    atlas, size = choice.first, choice.first.size
+    first = None if request.shards else chart(scene, size, atlas.mips, TIMED_PATHS, request.seed, atlas=atlas)
     if first is not None:
         own_light = "static" in state.roles
         state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
     state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
     fewer(state)
-    if first is not None and state.paths < limits.fewest_paths and atlas.size > (options.size or preset.size):
+    if first is not None and state.paths < limits.fewest_paths and choice.smaller:
         # A larger atlas is of no use where its texels are too noisy to be denoised.
-        atlas = build(scene, atlas.size // 2, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
+        atlas = choice.smaller
         state.paths *= 4
     state.atlas = atlas
 
 
 def _atlas(
     scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides, limits: AtlasLimits
-) -> Atlas:
+) -> AtlasChoice:
     """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
-    size = options.size or preset.size
+    size, mips = options.size or preset.size, MIPS if options.mips is None else options.mips
     if preset.base and not options.size:
-        return roomy_atlas(scene, size, options.mips, sides, limits)
-    atlas = build(scene, size, sides.lit, options.mips, dark=sides.dark, faint=sides.faint)
-    return atlas if preset.base else replace(atlas, size=min(size, COARSE))
+        return roomy_atlas(scene, size, mips, sides, limits, fixed=options.mips is not None)
+    atlas = atlas_of(scene, size, mips, sides)
+    return AtlasChoice(atlas if preset.base else replace(atlas, size=min(size, COARSE)))
 
 
 def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, int]:

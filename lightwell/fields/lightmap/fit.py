@@ -30,7 +30,7 @@ from lightwell.graph.pictures import Picture
 from lightwell.networks.atlas_texture import AtlasTexture
 from lightwell.networks.device import tensor
 from lightwell.networks.hashgrid import PACKET
-from lightwell.networks.lightmap import FEATURE_HIGH, FEATURE_LOW, HEAD, PLACE, LightmapNetwork
+from lightwell.networks.lightmap import BASE, FEATURE_HIGH, FEATURE_LOW, GAIN, GLOSS, HEAD, PLACE, LightmapNetwork
 from lightwell.networks.lightmap_lamps import LampLightmapNetwork
 from lightwell.networks.training import Trainer, TrainingSet, TrainingSettings
 from lightwell.transport.lightmap_query import LightmapQuery
@@ -210,6 +210,18 @@ class LightmapFit:
         seen = Tabulated(row_graph(replace(self.nodes, far=far))) if far else self._rows
         found = seen(query)
         return np.concatenate([found[n] for n in COLUMNS if n in found], axis=1)
+
+    def without_network(self, query: LightmapQuery) -> np.ndarray:
+        """Compute the radiance where light arrives evenly, which is what a network of zeros makes.
+
+        Args:
+            query: N queries.
+
+        Returns:
+            [N, 3] radiance.
+        """
+        rows = self.rows(query)
+        return self.unit * (rows[:, BASE] + rows[:, GLOSS] * rows[:, GAIN])
 
     def train(
         self,

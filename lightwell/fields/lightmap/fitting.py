@@ -16,17 +16,20 @@ from lightwell.fields.lightmap.curve import stored
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.lamp_map import LampMap
 from lightwell.fields.lightmap.trace import AtlasIrradiance, direction_image, mask_image, reduced
-from lightwell.fields.lightmap.views import ViewSamples
+from lightwell.fields.lightmap.views import ViewSamples, plain_samples
 from lightwell.graph.pictures import Fallback, Picture, encode
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Scene
+from lightwell.transport.lightmap_query import LightmapQuery
 from lightwell.transport.samples import Samples
 
 # Edge of the features of a larger atlas, relative to those of one of the usual size.
 FINER = 1.5
 # Trainings from different starts, and the distance of their seeds.
 STARTS, START_SEED = 3, 0x10001
+# Samples per place where the network is held to what arrives evenly, and the weight of such a place.
+PRIOR_SHARE, PRIOR_WEIGHT = 8, 0.05
 # Edge of the fallback.
 FALLBACK_SIZE = 512
 FALLBACK_CODEC = "jpeg90"
@@ -101,12 +104,14 @@ def fitted(
         fit = start(0)
         fit.train(samples.query, samples.radiance, samples.weight, steps, progress, part)
         return fit
-    return _best_start(start, samples, seed, steps, progress, part, starts or Starts())
+    places = plain_samples(scene, made, len(samples.weight) // PRIOR_SHARE + 1, seed)
+    return _best_start(start, samples, places, seed, steps, progress, part, starts or Starts())
 
 
 def _best_start(
     start: Callable[[int], LightmapFit],
     samples: ViewSamples,
+    places: LightmapQuery,
     seed: int,
     steps: int,
     progress: Callable[[int], None] | None,
@@ -119,6 +124,10 @@ def _best_start(
     )
     seen, judged = samples[np.flatnonzero(~held)], samples[np.flatnonzero(held & (samples.weight > 0))]
     starts = int(np.clip(steps // choice.enough_steps, 1, choice.most)) if len(judged.weight) else 1
+    if seen.shares is None:
+        # Texels that no sample reaches would otherwise show what the network happens to make of them.
+        even = start(0).without_network(places)
+        seen = seen + ViewSamples(places, even, even, np.full(len(even), PRIOR_WEIGHT, np.float32))
     fits = []
     for k in range(starts):
         fits.append(start(k))

@@ -56,7 +56,7 @@ def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tu
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     place, half = frames(scene, points)[0], paths // 2
-    origin = place + LIFT * scene.extent * points.view
+    origin = place + LIFT * scene.core_extent * points.view
     batch, out = max(1, LAUNCH // half), np.zeros((2, len(points), 3), np.float32)
     for k in (0, 1):
         for start in range(0, len(points), batch):

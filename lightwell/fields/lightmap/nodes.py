@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
 # Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
 REPORT_OCTAVES = 6
+# Reflections are learned relative to the light that arrives and so much of the unit, because they can be bright in shade.
+LEAST_ARRIVING = 0.05
 # The box of the environment is a little larger than the scene; what counts as parallel to one of its faces.
 BOX_MARGIN, PARALLEL = 1.02, 1e-3
 # Reflectance of dielectrics (glTF 2.0, appendix B).
@@ -266,7 +268,11 @@ class MapNodes:
             elif self.lamps is not None:
                 parts = self.lamps.parts(b, partial(self.stored, b))
                 made["parts"] = b.concat(*(b.multiply(scale, part) for part in parts))
-            return made | {"base": b.multiply(scale, light), "gain": b.multiply(rest, lit)}
+            gain = b.multiply(rest, lit)
+            if self.lamps is None:
+                # Relative to the light that arrives, reflections need few texels of features: rough metals need none.
+                gain = b.multiply(gain, b.affine(light, [1] * 3, [LEAST_ARRIVING] * 3))
+            return made | {"base": b.multiply(scale, light), "gain": gain}
         gain = "reflectance" if self.preset.demodulated else b.affine("reflectance", [0] * 3, [1] * 3)
         return made | {"base": b.scale("reflectance", 0.0), "gain": b.multiply(gain, lit)}
 

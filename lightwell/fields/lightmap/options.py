@@ -31,7 +31,9 @@ class LightmapOptions:
         least=16,
         check=_power_of_two,
     )
-    mips: int = option(1, "mip level up to which charts do not mix (default: 1)", least=0)
+    mips: int | None = option(
+        None, "mip level up to which charts do not mix (default: 1, or 0 where charts are many and small)", least=0
+    )
     rebake: Path | None = option(
         None,
         "an edit of the bake in OLD (made with --keep): only texels that could notice a change are traced again",

@@ -10,13 +10,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from lightwell.backend import dr, mi
 from lightwell.fields.base import is_matte
+from lightwell.fields.lightmap.density import seen_density
 from lightwell.scenes.default_light import under_sky, with_lamp
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import initial_light, sample_cameras
-from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene import Mesh, Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
@@ -30,6 +33,10 @@ from lightwell.transport.visible import side_points, visible_sides
 OPEN = 0.005
 # A side counts as lit when its brightest point has this share of the mean light; paths per point of the search.
 DARK, DARK_PATHS = 1e-4, (8, 64, 512)
+# Paths of one round of this search at most, whatever the number of points: sides inside solids find none, ever.
+ROUND_PATHS = 1 << 24
+# Least cosine between the normals of triangles of a flat part.
+FLAT = 0.9
 # Points of this search over the whole scene; each side gets two at least.
 LOOKS = 1 << 16
 # The same for sides that were not visible so far.
@@ -42,7 +49,7 @@ LARGE, LITTLE, RAYS_PER_SIDE = 1e-3, 0.1, 64
 
 @dataclass(frozen=True)
 class TriangleSides:
-    """[2, T] bool each: the sides of triangles that a light map stores."""
+    """The sides of triangles that a light map stores, [2, T] bool each, and the density of its texels."""
 
     lit: np.ndarray
     """Stored: visible and lit."""
@@ -50,6 +57,8 @@ class TriangleSides:
     """Visible, but black in the light map: no light reaches them, or they are clear glass."""
     faint: np.ndarray
     """Stored, but large and mostly hidden behind other geometry."""
+    density: np.ndarray
+    """[M] texels per metre of each mesh, relative to the others."""
 
 
 def lit_scene(scene: Scene) -> tuple[Scene, str]:
@@ -94,13 +103,58 @@ def lit_sides(scene: Scene, seed: int) -> TriangleSides:
         points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
         arrays = {"side": side[rows].astype(np.uint8), "triangle": triangle[rows].astype(np.uint32)}
         recipe = Recipe("sides", {"count": LOOKS if k == 0 else len(rows), "seed": seed + k}, arrays)
+        paths = max(min(paths, ROUND_PATHS // len(points) // 2 * 2), DARK_PATHS[0])
         found = irradiance(scene, points, paths, seed + k, recipe).mean.mean(axis=1)
         np.maximum.at(brightest, rows[row], np.nan_to_num(found))
         least = DARK * np.average(brightest, weights=area)
     bright = brightest > least
     lit = np.zeros_like(seen)
     lit[side[bright], triangle[bright]] = True
-    return TriangleSides(lit, seen & ~lit, faint_sides(scene, lit, seed))
+    lit = flat_neighbours(scene, lit) & seen & ~glass
+    return TriangleSides(lit, seen & ~lit, faint_sides(scene, lit, seed), seen_density(scene, lit, seed))
+
+
+def flat_neighbours(scene: Scene, lit: np.ndarray) -> np.ndarray:
+    """Add the sides that continue a lit one with nearly the same direction: few paths miss the light of dim places.
+
+    Args:
+        scene: T triangles.
+        lit: [2, T] bool.
+
+    Returns:
+        [2, T] bool: all sides of the flat parts of meshes of which one is lit.
+    """
+    found, start = lit.copy(), 0
+    for mesh in scene.meshes:
+        count = len(mesh.indices)
+        part = flat_parts(mesh)
+        for side in found[:, start : start + count]:
+            side |= np.isin(part, part[side])
+        start += count
+    return found
+
+
+def flat_parts(mesh: Mesh) -> np.ndarray:
+    """Number the parts of a mesh that bend by less than ``FLAT`` from triangle to triangle.
+
+    Args:
+        mesh: Mesh of K triangles.
+
+    Returns:
+        [K] part of each triangle.
+    """
+    _, welded = np.unique(mesh.positions, axis=0, return_inverse=True)
+    corners = welded.reshape(-1)[mesh.indices.astype(np.int64)]
+    a, b, c = (mesh.positions[mesh.indices[:, k]].astype(np.float64) for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(corners)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    p, q = owner[order[:-1]], owner[order[1:]]
+    same = (edges[order[1:]] == edges[order[:-1]]).all(axis=1) & ((normal[p] * normal[q]).sum(axis=1) > FLAT)
+    links = coo_matrix((np.ones(int(same.sum()), np.int8), (p[same], q[same])), (len(corners), len(corners)))
+    return connected_components(links, directed=False)[1]
 
 
 def seen_sides(scene: Scene, seed: int) -> TriangleSides:
@@ -115,7 +169,7 @@ def seen_sides(scene: Scene, seed: int) -> TriangleSides:
     """
     seen = sides_in_sight(scene, seed)
     glass = tables(scene).clear[tables(scene).mesh_of]
-    return TriangleSides(seen & ~glass, seen & glass, np.zeros_like(seen))
+    return TriangleSides(seen & ~glass, seen & glass, np.zeros_like(seen), seen_density(scene, seen & ~glass, seed))
 
 
 def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
@@ -215,7 +269,8 @@ def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Sample points in the free air, in the half of it that is farther from surfaces.
+    """Sample points in the free air, in the half of it that is farther from surfaces: as many in the part of the scene
+    that is looked at as in all of it, of which a room under a sky dome is nothing.
 
     Args:
         scene: The scene.
@@ -226,10 +281,12 @@ def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """
     from lightwell.scenes.free_air import free_air
 
-    low, high = scene.bounds
-    places = low + (high - low) * rng.random((4096, 3))
-    distance = free_air(scene).distance(places)
-    return places[distance > np.quantile(distance, 0.5)].astype(np.float32)
+    air, found = free_air(scene), []
+    for low, high in (scene.bounds, scene.core):
+        places = low + (high - low) * rng.random((4096, 3))
+        distance = air.distance(places)
+        found.append(places[distance > np.quantile(distance, 0.5)].astype(np.float32))
+    return np.concatenate(found)
 
 
 def spread(

@@ -17,7 +17,7 @@ from lightwell.fields.lightmap.lamp_shares import LampTexels, LampTracer
 from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import ViewSamples
 from lightwell.fields.protocol import ExtraFile, Lowered, Role, Shown, State, Traced, Training
-from lightwell.scenes.atlas import Atlas, charted_meshes
+from lightwell.scenes.atlas import Atlas, charted
 from lightwell.scenes.scene import Scene
 from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.samples import SurfacePoints
@@ -67,7 +67,7 @@ class LightmapState(State):
     @property
     def shipped(self) -> Scene:
         """The scene with the atlas's coordinates; its lights are in the light map."""
-        return replace(self.scene, meshes=charted_meshes(self.scene, self.atlas), lights=[])
+        return replace(charted(self.scene, self.atlas), lights=[])
 
 
 @dataclass(frozen=True)

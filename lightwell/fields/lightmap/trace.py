@@ -16,7 +16,8 @@ from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
-from lightwell.scenes.atlas import Atlas, build, padding
+from lightwell.fields.lightmap.square import atlas_of
+from lightwell.scenes.atlas import Atlas, padding
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.irradiance import Irradiance, irradiance
@@ -84,7 +85,7 @@ def chart(
     """
     if atlas is None:
         sides = lit_sides(scene, seed) if sides is None else sides
-        atlas = build(scene, size, sides.lit, mips, own=own, dark=sides.dark, faint=sides.faint)
+        atlas = atlas_of(scene, size, mips, sides, own)
     covered = texels(scene, atlas)
     light = (keep or (lambda make: make()))(lambda: _everywhere(scene, atlas, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]

@@ -16,10 +16,12 @@ from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.sides import free_places, matte
 from lightwell.fields.lightmap.trace import AtlasIrradiance, diffuse_albedo
 from lightwell.scenes.atlas import NOWHERE, Atlas
+from lightwell.scenes.atlas_charts import cross
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Scene
 from lightwell.transport.gather import KnownIrradiance, gathered
+from lightwell.transport.gather_rays import cosine_directions
 from lightwell.transport.lightmap_query import LightmapQuery, query_of_lightmap
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import static
@@ -105,8 +107,47 @@ def eye_samples(
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
     good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
-    weight = np.where(good, odds, 0).astype(np.float32)
+    # What has many texels is looked at: a sky dome must not outweigh a room.
+    weight = np.where(good, odds * texels_per_area(scene, made.atlas)[points.shape], 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def texels_per_area(scene: Scene, atlas: Atlas) -> np.ndarray:
+    """Compute the texels of each mesh per square metre that is stored.
+
+    Args:
+        scene: Scene of M meshes.
+        atlas: Its atlas.
+
+    Returns:
+        [M], relative to the mean over the area; 1 for meshes that are not stored.
+    """
+    t, stored = tables(scene), atlas.chart >= 0
+    a, b, c = (atlas.uv[..., k, :].astype(np.float64) for k in range(3))
+    texels = np.abs(cross(b - a, c - a)) * stored
+    sums = [
+        np.bincount(t.mesh_of, weights=v.sum(axis=0), minlength=len(scene.meshes)) for v in (texels, t.area * stored)
+    ]
+    found = sums[0] / np.maximum(sums[1], 1e-30) * sums[1].sum() / max(sums[0].sum(), 1e-30)
+    return np.where(sums[1] > 0, found, 1.0).astype(np.float32)
+
+
+def plain_samples(scene: Scene, made: AtlasIrradiance, count: int, seed: int) -> LightmapQuery:
+    """Draw places evenly over the stored texels, each with a view.
+
+    Args:
+        scene: The scene.
+        made: Atlas and irradiance.
+        count: Number of places.
+        seed: Seed of the sampler.
+
+    Returns:
+        ``count`` queries.
+    """
+    rng = np.random.default_rng([seed, 0x91A1])
+    points = made.texels.points[rng.integers(len(made.texels.index), size=count)]
+    view = cosine_directions(points.view, rng.random((2, count))).astype(np.float32)
+    return query_of_lightmap(scene, made.atlas, SurfacePoints(points.shape, points.triangle, points.barycentric, view))
 
 
 def eye_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
@@ -138,7 +179,7 @@ def eye_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.n
     draw: SurfaceDraw | None = None
     if wanted.any():
         with suppress(ValueError):
-            draw = draw_surface(scene, count, seed, floor=64, only=wanted)
+            draw = draw_surface(scene, count, seed, floor=count, only=wanted)
     draw = draw or draw_surface(scene, FEW_EYES, seed, floor=64)
     return towards_eyes(scene, draw.points, seed), draw.weight
 
