@@ -23,7 +23,7 @@ from lightwell.transport.tables import shape_index, shape_lookup, tables
 RAYS = 32
 # Largest share of rays that may first meet a side of a surface that cannot border on air.
 WRONG_SHARE = 0.25
-# Share of rays that meet something nearer than TOUCH x the extent of the core when a point is covered by another surface.
+# Share of rays that meet something nearer than TOUCH x the core's extent when a point is covered by another surface.
 COVERED_SHARE = 0.95
 TOUCH = 1e-3
 # Surfaces nearer than this x extent lie in the same plane: a few rounding errors of single precision.

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.lightmap.atlas_images import denoised, dilated, push_pull
@@ -404,3 +405,17 @@ def test_a_directional_map_leans_as_engines_do():
     )
     flat_, towards, away = radiance(fit, query).mean(axis=1)
     assert towards / flat_ == pytest.approx(np.sqrt(2), rel=0.06) and away < 0.13 * flat_
+
+
+def test_denoised_charts_are_clean_to_their_border():
+    """A chart that is continued by copies of its border keeps the noise there: 0.15 of the light, and 0.05 inside."""
+    size = 96
+    y, x = np.mgrid[:size, :size]
+    chart = np.where(np.abs(x - 48) + np.abs(y - 48) < 36, 0, -1)
+    truth = np.repeat((0.5 + 0.3 * x / size)[..., None], 3, axis=2)
+    noise = np.random.default_rng(0).gamma(4, 0.25, (size, size, 1))
+    noisy = (truth * noise * (chart >= 0)[..., None]).astype(np.float32)
+    error = np.abs(denoised(noisy, chart, 4) / truth - 1).mean(axis=2)
+    depth = distance_transform_edt(chart >= 0)
+    assert error[(depth > 0) & (depth <= 2)].mean() < 0.06
+    assert error[depth > 6].mean() < 0.04

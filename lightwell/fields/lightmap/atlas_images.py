@@ -17,6 +17,8 @@ from lightwell.core.denoise import denoise, missing
 SMALLEST = 4
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
 SMALL, MIRRORED = 8, 16
+# Charts are continued by so many texels at least: about what the filter looks at.
+CONTINUED = 12
 
 
 def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
@@ -34,6 +36,29 @@ def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
     near = distance <= reach
     filled = np.where(near[..., None], image[tuple(index)], 0).astype(np.float32)
     return push_pull(filled, near)
+
+
+def mirrored(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
+    """Continue the covered texels by their mirror image, where it is covered too, else as ``dilated``.
+
+    Copies of the nearest texel would be streaks of its noise, which a denoiser takes for edges.
+
+    Args:
+        image: [n, n, C] image.
+        covered: [n, n] bool, True for texels with a value.
+        reach: Distance up to which the image is continued, in texels.
+
+    Returns:
+        [n, n, C] float32 image.
+    """
+    distance, index = distance_transform_edt(~covered, return_indices=True)
+    place = np.stack(np.indices(covered.shape))
+    other = 2 * index - place
+    inside = ((other >= 0) & (other < np.reshape(covered.shape, (2, 1, 1)))).all(axis=0)
+    other = np.where(inside, other, index)
+    source = np.where(covered[tuple(other)], other, index)
+    near = distance <= reach
+    return push_pull(np.where(near[..., None], image[tuple(source)], 0).astype(np.float32), near)
 
 
 def push_pull(image: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -70,7 +95,7 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     Args:
         image: [n, n, 3] linear light.
         chart: [n, n] int chart of each texel, −1 for none.
-        reach: Distance up to which a chart is continued by copies, in texels.
+        reach: Distance up to which a chart is continued at least, in texels.
 
     Returns:
         [n, n, 3] image.
@@ -78,8 +103,9 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     if missing():
         return image
     out = image.copy()
+    reach = max(reach, CONTINUED)
     for rows, columns, own in _rectangles(chart, reach):
-        patch = dilated(image[rows, columns], own, reach)
+        patch = mirrored(image[rows, columns], own, reach)
         more = MIRRORED if min(np.ptp(found) + 1 for found in np.nonzero(own)) < SMALL else 0
         patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
         clean = denoise(patch, filter="RTLightmap")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 INPUTS = {"uv1": 2, "shading_normal": 3} | INPUT_WIDTHS
 # Octaves of the report's encoding of uv: sin and cos of 2^k uv for k = 0 … 5, without π.
 REPORT_OCTAVES = 6
-# Reflections are learned relative to the light that arrives and so much of the unit, because they can be bright in shade.
+# Reflections are learned relative to the light that arrives and so much of the unit: they can be bright in shade.
 LEAST_ARRIVING = 0.05
 # The box of the environment is a little larger than the scene; what counts as parallel to one of its faces.
 BOX_MARGIN, PARALLEL = 1.02, 1e-3
