@@ -419,3 +419,12 @@ def test_denoised_charts_are_clean_to_their_border():
     depth = distance_transform_edt(chart >= 0)
     assert error[(depth > 0) & (depth <= 2)].mean() < 0.06
     assert error[depth > 6].mean() < 0.04
+
+
+def test_strips_of_few_texels_show_no_noise():
+    chart = np.full((64, 64), -1)
+    chart[30:32, 8:56] = 0
+    noise = np.random.default_rng(0).gamma(4, 0.25, (64, 64, 1)).astype(np.float32)
+    clean = denoised(np.repeat(noise * (chart >= 0)[..., None], 3, axis=2), chart, 4)
+    assert clean[chart == 0].std() < 0.35 * noise[chart == 0].std()
+    assert clean[chart == 0].mean() == pytest.approx(noise[chart == 0].mean(), rel=0.05)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from lightwell.core.denoise import denoise, missing
 
-# Charts of fewer texels than this along an edge are not denoised, because the filter has too little context.
-SMALLEST = 4
+# Charts of fewer texels than this along an edge are averaged over so many texels (standard deviation), because the
+# denoiser has too little context.
+SMALLEST, AVERAGED = 4, 3.0
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
 SMALL, MIRRORED = 8, 16
 # Charts are continued by so many texels at least: about what the filter looks at.
@@ -105,20 +106,39 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     out = image.copy()
     reach = max(reach, CONTINUED)
     for rows, columns, own in _rectangles(chart, reach):
+        size = min(np.ptp(found) + 1 for found in np.nonzero(own))
+        if size < SMALLEST:
+            out[rows, columns][own] = averaged(image[rows, columns], own)[own]
+            continue
         patch = mirrored(image[rows, columns], own, reach)
-        more = MIRRORED if min(np.ptp(found) + 1 for found in np.nonzero(own)) < SMALL else 0
+        more = MIRRORED if size < SMALL else 0
         patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
         clean = denoise(patch, filter="RTLightmap")
         out[rows, columns][own] = clean[more : clean.shape[0] - more, more : clean.shape[1] - more][own]
     return out
 
 
+def averaged(image: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """Average over the covered texels around each texel.
+
+    Args:
+        image: [n, n, C] image.
+        covered: [n, n] bool, True for texels that count.
+
+    Returns:
+        [n, n, C] image; 0 far from covered texels.
+    """
+    weight = covered.astype(np.float64)[..., None]
+    around = [gaussian_filter(v, AVERAGED, axes=(0, 1), mode="constant") for v in (image * weight, weight)]
+    return (around[0] / np.maximum(around[1], 1e-12)).astype(np.float32)
+
+
 def _rectangles(chart: np.ndarray, reach: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
-    """(rows, columns, [h, w] texels of the chart) of every chart that is large enough."""
+    """(rows, columns, [h, w] texels of the chart) of every chart."""
     from scipy.ndimage import find_objects
 
     for number, box in enumerate(find_objects(chart + 1)):
-        if box is None or min(s.stop - s.start for s in box) < SMALLEST:
+        if box is None:
             continue
         rows, columns = (slice(max(s.start - reach, 0), min(s.stop + reach, n)) for s, n in zip(box, chart.shape))
         yield rows, columns, chart[rows, columns] == number
