@@ -116,6 +116,8 @@ def test_files_and_small_folders_share_a_process():
     rooms = {one.name: one.command for one in run_tests.python_rooms("")}
     assert {"tests/cli", "tests/compatibility", "tests/test_aov.py"} <= set(rooms["small"])
     assert [name for name in rooms if name.endswith(".py")] == []
+    places = [word for command in rooms.values() for word in command if word.startswith("tests/")]
+    assert len(set(places)) == len(places)
 
 
 def test_hypothesis_is_loaded_where_tests_use_it():

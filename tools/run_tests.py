@@ -2,9 +2,8 @@
 
     python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...] [--reports FOLDER]
 
-A room is a folder of ``tests/``, ``quick`` (tests without tracing), ``small`` (small folders and the other files
-``tests/test_*.py``), ``types`` (mypy) or ``web``. Each is a process of its own, so that no room sees what another left
-in Mitsuba. Exit code 1 when a test failed or a room ended in an error.
+A room is a folder of ``tests/``, a name of ``JOINED``, ``types`` (mypy) or ``web``. Each is a process of its own: what
+a room leaves in Mitsuba is not seen by the others. Exit code 1 when a test failed or a room ended in an error.
 """
 
 from __future__ import annotations
@@ -34,13 +33,20 @@ QUICK = (
     "tests/test_limits.py", "tests/test_exr.py", "tests/test_interrupts.py", "tests/test_isolated.py",
     "tests/test_serve.py", "tests/test_tests.py",
 )  # fmt: skip
-# Folders of few tests; one process for them and for files of ``tests/`` imports Mitsuba once and not twenty times.
-SMALL = ("tests/basisu", "tests/cli", "tests/compatibility", "tests/engines", "tests/security")
+# Rooms of several folders and files; ``small`` has the files that no other room has, too. A process takes two processor
+# seconds until its first test, and five more until it has recorded the kernels of a bake.
+JOINED = {
+    "quick": QUICK,
+    "baking": ("tests/baking", "tests/test_examples_and_benchmarks.py", "tests/test_public_api.py"),
+    "learning": ("tests/fields", "tests/networks"),
+    "tracing": ("tests/transport", "tests/probes"),
+    "small": ("tests/basisu", "tests/cli", "tests/compatibility", "tests/engines", "tests/security"),
+}
 # Rooms of more than half a minute of processor time, longest first; they begin before the others, so that none of them
 # is left alone at the end. With the tests marked slow, documents and Blender take longest.
 LONG = (
-    "tests/baking", "tests/docs", "tests/scenes", "tests/integrations", "quick", "small", "tests/cache",
-    "tests/fields", "tests/probes", "tests/transport", "tests/lens", "tests/networks", "tests/fuzz", "types",
+    "baking", "tests/docs", "tests/scenes", "tests/integrations", "learning", "tracing", "quick", "small",
+    "tests/cache", "tests/lens", "tests/fuzz", "types",
 )  # fmt: skip
 # Seconds between two looks at the running rooms.
 POLL = 0.05
@@ -174,17 +180,18 @@ def python_rooms(marks: str) -> list[Room]:
         marks: Expression of pytest's ``-m``; empty for all tests.
 
     Returns:
-        ``quick``, folders of tests, then ``small``.
+        Those of ``JOINED``, then the other folders of tests.
     """
     folders = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
     files = sorted((ROOT / "tests").glob("test_*.py"))
-    named = {path: str(path.relative_to(ROOT)) for path in (*folders, *files)}
-    small = (*SMALL, *(named[path] for path in files if named[path] not in QUICK))
-    own = [(named[path], (named[path],)) for path in folders if named[path] not in (*QUICK, *SMALL)]
+    taken = {place for places in JOINED.values() for place in places}
+    free = {path: name for path in (*folders, *files) if (name := str(path.relative_to(ROOT))) not in taken}
+    joined = JOINED | {"small": (*JOINED["small"], *(free[path] for path in files if path in free))}
+    rooms = [*joined.items(), *((free[path], (free[path],)) for path in folders if path in free)]
     pytest = (sys.executable, "-m", "pytest", "-m", marks)
     return [
         Room(name, (*pytest, *pytest_options(places), *places), "--junitxml=", read_junit, may_be_empty=True)
-        for name, places in (("quick", QUICK), *own, ("small", small))
+        for name, places in rooms
     ]
 
 
