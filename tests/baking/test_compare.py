@@ -55,7 +55,7 @@ def small(out, **changes) -> CompareSettings:
         "lights_per_shard": 32,
         "views": 2,
         "view_size": (48, 32),
-        "truth": Budget(0.5),
+        "truth": Budget(0.2),
     }
     return CompareSettings(**(settings | changes))
 
