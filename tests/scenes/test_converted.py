@@ -1,7 +1,6 @@
 """USD, OBJ and PLY scenes: units, axes, materials, lights, what is lost, and files that must be refused."""
 
 import shutil
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -9,9 +8,9 @@ import trimesh
 from PIL import Image as PillowImage
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
-from lightwell.core.isolated import Arrays, WorkerError
 from lightwell.limits import Limits
 from lightwell.scenes import SceneError, converted, load
+from tests.same_process import SameProcess
 
 OBJ = """
 mtllib room.mtl
@@ -42,33 +41,13 @@ map_Bump bumps.png
 BEYOND = b"v 0 0 0\nf 1 2 900000\n"
 
 
-class Here:
-    """Stands for ``Worker``: answers in this process, and hands errors on as the other process does."""
-
-    def __init__(self, function: str, seconds: float, memory: int):
-        module, name = function.split(":")
-        self.function = getattr(import_module(module), name)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def ask(self, request: Arrays, most_bytes: int) -> Arrays:
-        try:
-            return self.function(request)
-        except Exception as error:
-            raise WorkerError(str(error)) from None
-
-
 @pytest.fixture
 def here(monkeypatch):
     """Meshes are converted in this process, which has imported trimesh: in another one that takes two seconds for each.
 
     Round trips, stages and damaged stages go through the other process.
     """
-    monkeypatch.setattr(converted, "Worker", Here)
+    monkeypatch.setattr(converted, "Worker", SameProcess)
 
 
 @pytest.fixture
