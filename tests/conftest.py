@@ -1,7 +1,8 @@
-"""The wheel, and environments of other versions of Python and of Blender, for the tests of `make test-all`."""
+"""The end of scenes between files; for `make test-all` the wheel, other versions of Python, and Blender."""
 
 from __future__ import annotations
 
+import gc
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,23 @@ ROOT = Path(__file__).parents[1]
 SOURCES = ("lightwell", "pyproject.toml", "README.md", "LICENSE", "THIRD_PARTY.md")
 # Releases of the package `bpy`, each of which is a Blender without a window; all want this Python.
 BLENDERS, BLENDER_PYTHON = ("4.2.23", "4.5.15", "5.0.1"), "3.11"
+
+
+def pytest_collection_finish() -> None:
+    """Leave what is imported out of later collections of garbage, which then take milliseconds."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def ended_scenes():
+    """The scenes of a file are gone from Mitsuba when the next file begins.
+
+    Dr.Jit compiles the code of all materials that exist into every kernel that asks a material: beside another scene
+    the kernels of a room are five times as large, and others than those of a run without it.
+    """
+    yield
+    gc.collect()
 
 
 def interpreter(version: str) -> str | None:

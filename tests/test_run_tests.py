@@ -111,13 +111,30 @@ def test_long_rooms_begin_first():
     assert names[: 1 + len(run_tests.LONG)] == ["web", *run_tests.LONG] and len(set(names)) == len(names)
 
 
+def test_files_and_small_folders_share_a_process():
+    """To import Mitsuba takes longer than their tests do."""
+    rooms = {one.name: one.command for one in run_tests.python_rooms("")}
+    assert {"tests/cli", "tests/compatibility", "tests/test_aov.py"} <= set(rooms["small"])
+    assert [name for name in rooms if name.endswith(".py")] == []
+    places = [word for command in rooms.values() for word in command if word.startswith("tests/")]
+    assert len(set(places)) == len(places)
+
+
+def test_hypothesis_is_loaded_where_tests_use_it():
+    left_out = {one.name for one in run_tests.python_rooms("") if "no:hypothesispytest" in one.command}
+    assert {"tests/cache", "small"} <= left_out and not left_out & {"quick", "tests/scenes"}
+    assert "no:hypothesispytest" in run_tests.pytest_options(("tests/test_aov.py",))
+    assert "no:hypothesispytest" not in run_tests.pytest_options(("tests/graph/test_graph_files.py",))
+
+
 def test_wrong_types_fail_their_room(tmp_path):
     """mypy writes the report that the script reads."""
     (tmp_path / "wrong.py").write_text("x: int = 'a'\n")
     (tmp_path / "right.py").write_text("x: int = 1\n")
     types = replace(run_tests.types_room(), folder=tmp_path)
     files = {name: replace(types, name=name, command=(*types.command, f"{name}.py")) for name in ("right", "wrong")}
-    found = {one.room: one for one in run_tests.run(list(files.values()), 2, dict(os.environ))}
+    # One after the other: the second finds what the first knows of the standard library.
+    found = {one.room: one for one in run_tests.run(list(files.values()), 1, dict(os.environ))}
     assert found["right"].counts == Counts(1) and not found["right"].failed
     assert found["wrong"].counts.failed == 1 and found["wrong"].failed
 

@@ -2,9 +2,8 @@
 
     python tools/run_tests.py [--marks "not slow"] [--jobs 2] [--room tests/core ...] [--reports FOLDER]
 
-A room is a folder of ``tests/``, a file ``tests/test_*.py``, ``quick`` (tests without tracing), ``types`` (mypy) or
-``web``. Each is a process of its own, so that no room sees what another left in Mitsuba. Exit code 1 when a test failed
-or a room ended in an error.
+A room is a folder of ``tests/``, a name of ``JOINED``, ``types`` (mypy) or ``web``. Each is a process of its own: what
+a room leaves in Mitsuba is not seen by the others. Exit code 1 when a test failed or a room ended in an error.
 """
 
 from __future__ import annotations
@@ -34,11 +33,20 @@ QUICK = (
     "tests/test_limits.py", "tests/test_exr.py", "tests/test_interrupts.py", "tests/test_isolated.py",
     "tests/test_serve.py", "tests/test_tests.py",
 )  # fmt: skip
+# Rooms of several folders and files; ``small`` has the files that no other room has, too. A process takes two processor
+# seconds until its first test, and five more until it has recorded the kernels of a bake.
+JOINED = {
+    "quick": QUICK,
+    "baking": ("tests/baking", "tests/test_examples_and_benchmarks.py", "tests/test_public_api.py"),
+    "learning": ("tests/fields", "tests/networks"),
+    "tracing": ("tests/transport", "tests/probes"),
+    "small": ("tests/basisu", "tests/cli", "tests/compatibility", "tests/engines", "tests/security"),
+}
 # Rooms of more than half a minute of processor time, longest first; they begin before the others, so that none of them
 # is left alone at the end. With the tests marked slow, documents and Blender take longest.
 LONG = (
-    "tests/baking", "tests/docs", "tests/scenes", "tests/integrations", "quick", "tests/cache", "tests/fields",
-    "tests/probes", "tests/transport", "tests/lens", "tests/networks", "tests/fuzz", "types",
+    "baking", "tests/docs", "tests/scenes", "tests/integrations", "learning", "tracing", "quick", "small",
+    "tests/cache", "tests/lens", "tests/fuzz", "types",
 )  # fmt: skip
 # Seconds between two looks at the running rooms.
 POLL = 0.05
@@ -149,6 +157,22 @@ def read_vitest(path: Path) -> Counts:
     return Counts(report["numPassedTests"], counted, skipped, (*failed, *(Path(name).name for name in unread)))
 
 
+def pytest_options(places: tuple[str, ...]) -> tuple[str, ...]:
+    """Choose the options of pytest for a room.
+
+    Args:
+        places: Files and folders of tests, from the root of the repository.
+
+    Returns:
+        The durations of the longest tests are printed. The plugin of Hypothesis, which imports all of it when the tests
+        have ended (a second of processor time), is left out where no test uses it.
+    """
+    paths = [ROOT / place for place in places]
+    files = [file for path in paths for file in (path.rglob("*.py") if path.is_dir() else (path,))]
+    used = any("from hypothesis import" in file.read_text() for file in files)
+    return ("--durations=5", "--durations-min=1", *(() if used else ("-p", "no:hypothesispytest")))
+
+
 def python_rooms(marks: str) -> list[Room]:
     """List the rooms of the Python tests.
 
@@ -156,14 +180,18 @@ def python_rooms(marks: str) -> list[Room]:
         marks: Expression of pytest's ``-m``; empty for all tests.
 
     Returns:
-        ``quick``, folders of tests, then single files.
+        Those of ``JOINED``, then the other folders of tests.
     """
     folders = [path for path in sorted((ROOT / "tests").glob("[a-z]*/")) if path.is_dir()]
-    found = [str(path.relative_to(ROOT)) for path in folders + sorted((ROOT / "tests").glob("test_*.py"))]
-    pytest = (sys.executable, "-m", "pytest", "-m", marks, "--durations=5", "--durations-min=1")
+    files = sorted((ROOT / "tests").glob("test_*.py"))
+    taken = {place for places in JOINED.values() for place in places}
+    free = {path: name for path in (*folders, *files) if (name := str(path.relative_to(ROOT))) not in taken}
+    joined = JOINED | {"small": (*JOINED["small"], *(free[path] for path in files if path in free))}
+    rooms = [*joined.items(), *((free[path], (free[path],)) for path in folders if path in free)]
+    pytest = (sys.executable, "-m", "pytest", "-m", marks)
     return [
-        Room(name, (*pytest, *places), "--junitxml=", read_junit, may_be_empty=True)
-        for name, places in [("quick", QUICK), *((one, (one,)) for one in found if one not in QUICK)]
+        Room(name, (*pytest, *pytest_options(places), *places), "--junitxml=", read_junit, may_be_empty=True)
+        for name, places in rooms
     ]
 
 

@@ -118,7 +118,7 @@ def test_frames_of_others_stay(tmp_path):
 
 def test_the_denoiser_brings_a_picture_nearer_to_the_truth():
     scene = room(64)
-    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "path", "max_depth": -1}), spp=1024, seed=9))
+    truth = np.array(mi.render(scene, integrator=mi.load_dict({"type": "path", "max_depth": -1}), spp=256, seed=9))
     options = {"mode": "frames", "batch": 512, "levels": 3, "entries_log2": 10}
     errors = {}
     for denoise in (False, True):

@@ -8,8 +8,10 @@ import pytest
 from PIL import Image
 
 from lightwell.cli import main
+from lightwell.exr import decoding
 from lightwell.lens import Camera, LensError, exr, frames
 from lightwell.lens.conventions import Motion, guess_motion, planar_depth
+from tests.same_process import SameProcess
 
 H, W = 48, 64
 
@@ -29,6 +31,13 @@ def depth(value=5.0):
     return np.where(np.arange(W) < W // 2, 1.0, value) * np.ones((H, 1))
 
 
+@pytest.fixture
+def here(monkeypatch):
+    """Pictures are decoded in this process; those of the other tests, and damaged ones, in another."""
+    monkeypatch.setattr(decoding, "Worker", SameProcess)
+
+
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     "prefix, name, kind",
     [("", "Z", "planar"), ("ViewLayer.Combined.", "ViewLayer.Depth.Z", "planar"), ("img.", "dd.T", "ray-from-near"),
@@ -139,6 +148,7 @@ def test_a_sequence_with_motion_found_by_itself(tmp_path, capsys):
 GOOD = ["--focus", "2m"]
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     "channels, extra, text",
     [

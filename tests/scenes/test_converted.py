@@ -9,7 +9,8 @@ from PIL import Image as PillowImage
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 from lightwell.limits import Limits
-from lightwell.scenes import SceneError, load
+from lightwell.scenes import SceneError, converted, load
+from tests.same_process import SameProcess
 
 OBJ = """
 mtllib room.mtl
@@ -36,10 +37,21 @@ Kd 0.5 0.5 0.5
 map_Kd wood.png
 map_Bump bumps.png
 """
+# A face of a vertex that is not there.
+BEYOND = b"v 0 0 0\nf 1 2 900000\n"
 
 
 @pytest.fixture
-def obj(tmp_path):
+def here(monkeypatch):
+    """Meshes are converted in this process, which has imported trimesh: in another one that takes two seconds for each.
+
+    Round trips, stages and damaged stages go through the other process.
+    """
+    monkeypatch.setattr(converted, "Worker", SameProcess)
+
+
+@pytest.fixture
+def obj(tmp_path, here):
     (tmp_path / "room.obj").write_text(OBJ)
     (tmp_path / "room.mtl").write_text(MTL)
     PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.png")
@@ -76,6 +88,7 @@ def test_an_obj_has_the_unit_that_is_said_and_reads_no_file_outside_of_its_folde
     assert all(max(material.emissive) == 0 for material in scene.materials)
 
 
+@pytest.mark.usefixtures("here")
 def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
     mesh = trimesh.creation.box((1, 2, 3))
     mesh.visual.vertex_colors = np.tile(np.uint8([255, 188, 0, 255]), (len(mesh.vertices), 1))
@@ -89,7 +102,6 @@ def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.obj", b"v 0 0 0\nf 1 2 900000\n"),
         ("a.usda", b"#usda 1.0\ndef Mesh 'm' {"),
         # Each is read by a process of its own.
         pytest.param(
@@ -97,6 +109,7 @@ def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
             b"ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
             marks=pytest.mark.slow,
         ),
+        pytest.param("a.obj", BEYOND, marks=pytest.mark.slow),
         pytest.param("a.obj", b"\0\1\2", marks=pytest.mark.slow),
         pytest.param("a.ply", b"", marks=pytest.mark.slow),
         pytest.param("a.usdc", b"PXR-USDC" + bytes(200), marks=pytest.mark.slow),
@@ -104,10 +117,18 @@ def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
     ],
 )
 def test_damaged_files_are_one_line(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, content)
+
+
+def test_a_damaged_mesh_is_one_line(tmp_path, here):
+    refused(tmp_path / "a.obj", BEYOND)
+
+
+def refused(path, content):
+    path.write_bytes(content)
     with pytest.raises(SceneError) as error:
-        load(tmp_path / name)
-    assert str(error.value).startswith(f"scene '{name}': ") and "\n" not in str(error.value)
+        load(path)
+    assert str(error.value).startswith(f"scene '{path.name}': ") and "\n" not in str(error.value)
 
 
 def stage(path, up=UsdGeom.Tokens.z, unit=0.01):

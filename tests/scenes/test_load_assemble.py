@@ -87,7 +87,9 @@ def test_double_sided_emission_shines_to_both_sides(strategy, below):
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(3, n)
     origin = mi.Point3f(np.full(n, 0.2), np.full(n, 0.5 * height), np.full(n, 0.1))
-    ray = mi.RayDifferential3f(mi.Ray3f(origin, mi.Vector3f(0, height, 0)))
+    # As arrays: a number in the code of the kernel would make one for either side.
+    direction = mi.Vector3f(np.zeros(n), np.full(n, height), np.zeros(n))
+    ray = mi.RayDifferential3f(mi.Ray3f(origin, direction))
     color, _, _ = integrator.sample(scene.mi, sampler, ray)
     # Form factor of a 2 x 2 square seen from a point 1 m off, 0.2 and 0.1 m beside its middle (four corner terms).
     factor = sum(corner(a, b) for a in (0.8, 1.2) for b in (0.9, 1.1))

@@ -1,4 +1,4 @@
-"""Scenes that several transport tests share, built once."""
+"""Scenes that several transport tests share, built once for each file, and gone when the next begins."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from lightwell.scenes.variables import PointLight
 from . import rooms
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def cornell():
     """All diffuse."""
     return rooms.cornell()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def glossy():
     """Floor of rough plastic, a glass box and a box of rough metal; walls diffuse."""
     return rooms.cornell(
@@ -25,7 +25,7 @@ def glossy():
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def principled():
     """A half-metallic principled floor and box, and a mirror."""
     material = {"type": "principled", "roughness": 0.3, "metallic": 0.5, "specular": 0.5}
@@ -37,7 +37,7 @@ def principled():
     )
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def roaming():
     """A point light that roams the room."""
     return PointLight((-0.8, 0.2, -0.8), (0.8, 1.8, 0.8), 0.05)

@@ -11,10 +11,10 @@ import { fileURLToPath } from "node:url";
 import { promisify } from "node:util";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
 import type { Shaders } from "../fuzz/target.ts";
-import { launchAlone, openPage, Site } from "./support/browser.ts";
+import { launch, launchAlone, openPage, Site } from "./support/browser.ts";
 
 const LONG = Boolean(process.env.LIGHTWELL_LONG_TESTS);
-const MUTANTS = LONG ? 300 : 12;
+const MUTANTS = LONG ? 300 : 8;
 const SEEDS = LONG ? [1, Math.floor(Math.random() * 2 ** 31)] : [1];
 const KINDS = 10;
 const FORMATS = 3;
@@ -72,7 +72,7 @@ describe.each(SEEDS)("seed %i", (seed) => {
     expect(counts.accepted).toBeGreaterThan(MUTANTS);
     const shaders = JSON.parse(readFileSync(file, "utf8")) as Shaders[];
     expect(shaders.length).toBeGreaterThan(5);
-    const browser = await launchAlone("swiftshader");
+    const browser = await (LONG ? launchAlone : launch)("swiftshader");
     const { page } = await openPage(browser);
     await page.goto(site.put("/index.html", "<!doctype html>"));
     for (let i = 0; i < shaders.length; i += 20) expect(await page.evaluate(compile, shaders.slice(i, i + 20))).toEqual([]);

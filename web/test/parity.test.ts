@@ -4,10 +4,8 @@
  */
 
 import { mkdirSync, writeFileSync } from "node:fs";
-import { createServer, type Server } from "node:http";
-import type { AddressInfo } from "node:net";
 import { fileURLToPath } from "node:url";
-import { type Browser, chromium, type Page } from "playwright-core";
+import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, test } from "vitest";
 import {
   evaluate,
@@ -21,45 +19,32 @@ import {
 } from "../runtime/src/graph/index.ts";
 import { type Job, runWebgl2, runWebgpu } from "./parity-page.ts";
 import { loadVectors, row, type Vector, worstError } from "./parity-vectors.ts";
+import { launch, Site } from "./support/browser.ts";
 
 /** The contract of `format/FORMAT.md`, relative to max(1, |value|). */
 const TOLERANCE = 1e-4;
 const RESULTS = fileURLToPath(new URL("../test-results/", import.meta.url));
-const FLAGS = [
-  "--no-sandbox",
-  "--disable-gpu-watchdog",
-  "--use-angle=swiftshader",
-  "--enable-unsafe-swiftshader",
-  "--enable-unsafe-webgpu",
-  "--enable-features=Vulkan",
-  "--use-vulkan=swiftshader",
-];
 
 const VECTORS = loadVectors();
 const MODES = ["webgl2 inline", "webgl2 texture", "webgpu inline", "webgpu storage"] as const;
 type Mode = (typeof MODES)[number];
 const summary: Record<string, { max: number; worst: string; vectors: number; seconds: number }> = {};
 
-let server: Server;
+const site = new Site();
 let browser: Browser;
 let page: Page;
 
 beforeAll(async () => {
-  // WebGPU wants a secure context: an empty page of 127.0.0.1 is one.
-  server = createServer((_request, response) => {
-    response.setHeader("content-type", "text/html");
-    response.end("<!doctype html><title>parity</title>");
-  });
-  await new Promise<void>((done) => server.listen(0, "127.0.0.1", done));
-  const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-  browser = await chromium.launch({ executablePath, args: FLAGS });
+  await site.open();
+  browser = await launch("swiftshader");
   page = await browser.newPage();
-  await page.goto(`http://127.0.0.1:${(server.address() as AddressInfo).port}/`);
+  // WebGPU wants a secure context: an empty page of 127.0.0.1 is one.
+  await page.goto(site.put("/index.html", "<!doctype html><title>parity</title>"));
 });
 
 afterAll(async () => {
   await browser?.close();
-  server?.close();
+  await site.close();
 });
 
 const blocksOf = (width: number) => Math.ceil(width / 4);

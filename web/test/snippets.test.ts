@@ -6,7 +6,7 @@
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
-import { afterAll, beforeAll, expect, it } from "vitest";
+import { afterAll, afterEach, beforeAll, expect, it } from "vitest";
 import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
 import { CAMERA, furnishedRoom, LAMP } from "./support/fixtures.ts";
@@ -70,6 +70,9 @@ beforeAll(async () => {
   site.put("/scene.webp", file("test/pictures/three-desktop.png"));
   room = await ofThePage();
 }, 240_000);
+
+// What is not looked at must not go on drawing while the next snippet is bundled.
+afterEach(async () => void (await tab.page.goto("about:blank")));
 
 afterAll(async () => {
   await browser?.close();

@@ -37,7 +37,7 @@ export function findChromium(): string {
 export function launchAlone(backend: Backend): Promise<Browser> {
   return chromium.launch({
     executablePath: findChromium(),
-    args: ["--no-sandbox", "--disable-gpu-watchdog", ...BACKENDS[backend]],
+    args: ["--no-sandbox", "--disable-gpu-watchdog", "--disable-gpu-rasterization", ...BACKENDS[backend]],
   });
 }
 

@@ -30,9 +30,15 @@ export interface BundleOptions {
   readonly development?: boolean;
 }
 
+/** What was bundled in this process, by entry and options: several files open the same page, and a bundle takes half a second. */
+const made = new Map<string, Promise<string>>();
+
 /** One minified module made of an entry (a path from `test/`) or of a text of imports. */
-export async function bundle(entry: string, options: BundleOptions = {}): Promise<string> {
-  return (await bundleChunks(entry, options, false)).map((chunk) => chunk.code ?? "").join("\n");
+export function bundle(entry: string, options: BundleOptions = {}): Promise<string> {
+  const key = JSON.stringify([entry, { ...options, external: options.external?.map(String) }]);
+  const found = made.get(key) ?? bundleChunks(entry, options, false).then((chunks) => chunks.map((chunk) => chunk.code ?? "").join("\n"));
+  made.set(key, found);
+  return found;
 }
 
 /** The same as several files where `split`: what is loaded on demand is apart. */
