@@ -452,7 +452,9 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true", help="keep what is in out/figures")
     parser.add_argument("--spp", type=int, default=PLAN["spp"], help="samples of path that set the time")
     parser.add_argument("--repeats", type=int, default=PLAN["repeats"])
-    parser.add_argument("--size", type=int, default=PLAN["size"], help="edge of the pictures, pixels")
+    parser.add_argument(
+        "--size", type=int, default=PLAN["size"], help="edge of the pictures, pixels; another is only printed"
+    )
     parser.add_argument("--reference", type=int, default=PLAN["reference"], help="samples per pixel of the truth")
     parser.add_argument("--child", default="", help=argparse.SUPPRESS)
     parser.add_argument("--plan", default="", help=argparse.SUPPRESS)
@@ -470,8 +472,8 @@ def main() -> None:
     for part in chosen("--only", arguments.only, PARTS):
         found, missed = measured_scenes(part, asked, plan, arguments.resume)
         failed += missed
-        publish("radiance_cache", PARTS[part][1](found, plan), arguments.quick)
-        if not arguments.quick:
+        publish("radiance_cache", PARTS[part][1](found, plan), only_printed := plan["size"] != PLAN["size"])
+        if not only_printed:
             write_page()
     if failed:
         raise SystemExit(1)
