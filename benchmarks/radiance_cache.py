@@ -1,9 +1,10 @@
 """The figures of the radiance cache, measured side by side on this machine.
 
-    python benchmarks/radiance_cache.py                     every figure; about 20 minutes on 2 quiet cores
+    python benchmarks/radiance_cache.py                     all figures but the table; about 20 minutes on 2 quiet cores
     python benchmarks/radiance_cache.py --quick             a smoke run of the parts; writes nothing
     python benchmarks/radiance_cache.py --only equal,frame  some parts
     python benchmarks/radiance_cache.py --resume            take scenes that are measured already from out/figures
+    python benchmarks/radiance_cache.py --only table --resume   16 scenes, see radiance_cache_table.py; hours
 
 References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes). The ladder of
 ingredients is radiance_cache_ladder.py.
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
@@ -29,7 +31,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 
 from radiance_cache_live import measure as live_rates
-from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, pixels, scene_of, truth_of
+from radiance_cache_runs import cold, timed
+from radiance_cache_table import HALVES, table, table_rows
+from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, scene_of, source_of, truth_of
 from rows import Row, at_least, at_most, chosen, markdown, publish, without_bar
 
 from lightwell.backend import dr, mi
@@ -42,22 +46,6 @@ PLAN = {"spp": 128, "repeats": 5, "size": 256, "reference": 1024, "quick": 0}
 QUICK = {"spp": 4, "repeats": 1, "size": 24, "reference": 64, "quick": 1}
 STILL: dict[str, Any] = {"mode": "still"}
 Figures = dict[str, Any]
-
-
-def timed(run: Callable[[], Any]) -> tuple[np.ndarray, float]:
-    """(picture, wall seconds)."""
-    wall = time.perf_counter()
-    image = run()
-    dr.eval(image)
-    dr.sync_thread()
-    return pixels(image), time.perf_counter() - wall
-
-
-def cold(options: Figures, scene: Any) -> NrcIntegrator:
-    """A new integrator whose tables of the scene are ready and which has learned nothing."""
-    nrc = NrcIntegrator(settings=settings_of(options))
-    nrc.cache_of(scene)
-    return nrc
 
 
 def frozen(options: Figures, scene: Any, sensor: Any, frames: int) -> NrcIntegrator:
@@ -406,40 +394,67 @@ PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
     "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
     "unbiased": (unbiased, unbiased_rows, NAMES), "parts": (parts, parts_rows, ("veach-ajar", "veach-bidir")),
     "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
-    "blend": (blend, blend_rows, NAMES),
+    "blend": (blend, blend_rows, NAMES), "table": (table, table_rows, tuple(HALVES)),
     "live": (live, live_rows, ("cornell-box", "veach-ajar")), "gpu": (None, gpu_rows, ()),
 }  # fmt: skip
 
 
+def kept_file(part: str, name: str) -> Path:
+    """Where the figures of a scene are kept."""
+    return FIGURES / f"radiance_cache-{part}-{name}.json"
+
+
+def held(part: str, name: str, plan: Figures) -> Figures | None:
+    """Figures of a scene that are kept; None where there are none, or those of another plan."""
+    kept = kept_file(part, name)
+    found = json.loads(kept.read_text()) if kept.exists() else {}
+    return found["figures"] if found.get("plan") == plan else None
+
+
 def measured(part: str, name: str, plan: Figures, resume: bool) -> Figures | None:
-    """Figures of a scene from a process of its own, or from what it left; None where the scene is not there."""
-    if not (SCENES / name / "scene_mi3.xml").exists():
+    """Figures of a scene from a process of its own, or those that are kept; None where the scene is not there."""
+    if source_of(name) is None:
         return None
-    kept = FIGURES / f"radiance_cache-{part}-{name}.json"
-    if resume and kept.exists():
-        held = json.loads(kept.read_text())
-        if held["plan"] == plan:
-            return held["figures"]
+    if resume and (figures := held(part, name, plan)) is not None:
+        return figures
     words = [sys.executable, __file__, "--child", part, "--scenes", name, "--plan", json.dumps(plan)]
     done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"radiance_cache: {part} of {name} ended with {done.returncode}; its message is above")
     figures = json.loads(done.stdout.strip().splitlines()[-1])
     if not plan["quick"]:
+        kept, part_file = kept_file(part, name), kept_file(part, name).with_suffix(".part")
         kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps({"plan": plan, "figures": figures}))
+        part_file.write_text(json.dumps({"plan": plan, "figures": figures}))
+        os.replace(part_file, kept)
     return figures
+
+
+def measured_scenes(part: str, asked: list[str], plan: Figures, resume: bool) -> tuple[dict[str, Figures], int]:
+    """Figures of a part by scene, and how many scenes failed; ``resume``: those kept of scenes not asked for, too."""
+    scenes, failed, found = PARTS[part][2], 0, {}
+    for name in ONE[: len(scenes)] if plan["quick"] else scenes:
+        try:
+            wanted = plan["quick"] or name in asked
+            found[name] = measured(part, name, plan, resume) if wanted else held(part, name, plan) if resume else None
+        except RuntimeError as error:  # The other scenes are measured all the same.
+            failed += 1
+            print(f"error: {error}", file=sys.stderr)
+    return {name: figures for name, figures in found.items() if figures is not None}, failed
 
 
 def main() -> None:
     """Measure the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="smoke run; writes nothing")
-    parser.add_argument("--only", default=",".join(PARTS), help="parts, comma-separated")
+    parser.add_argument("--only", default=",".join(p for p in PARTS if p != "table"), help="parts, comma-separated")
     parser.add_argument("--scenes", default="", help="scenes, comma-separated (default: those of the part)")
     parser.add_argument("--resume", action="store_true", help="keep what is in out/figures")
     parser.add_argument("--spp", type=int, default=PLAN["spp"], help="samples of path that set the time")
     parser.add_argument("--repeats", type=int, default=PLAN["repeats"])
+    parser.add_argument(
+        "--size", type=int, default=PLAN["size"], help="edge of the pictures, pixels; another is only printed"
+    )
     parser.add_argument("--reference", type=int, default=PLAN["reference"], help="samples per pixel of the truth")
     parser.add_argument("--child", default="", help=argparse.SUPPRESS)
     parser.add_argument("--plan", default="", help=argparse.SUPPRESS)
@@ -449,17 +464,19 @@ def main() -> None:
         scene = scene_of(arguments.scenes, plan["size"])
         print(json.dumps(PARTS[arguments.child][0](arguments.scenes, scene, plan)), flush=True)
         return
-    plan = {**PLAN, "spp": arguments.spp, "repeats": arguments.repeats, "reference": arguments.reference}
+    plan = {**PLAN, "spp": arguments.spp, "repeats": arguments.repeats, "reference": arguments.reference,
+            "size": arguments.size}  # fmt: skip
     if arguments.quick:
         plan = QUICK
-    asked = chosen("--scenes", arguments.scenes, NAMES)
+    asked, failed = chosen("--scenes", arguments.scenes, HALVES), 0
     for part in chosen("--only", arguments.only, PARTS):
-        _, rows, scenes = PARTS[part]
-        scenes = ONE[: len(scenes)] if arguments.quick else tuple(n for n in scenes if n in asked)
-        found = {name: f for name in scenes if (f := measured(part, name, plan, arguments.resume)) is not None}
-        publish("radiance_cache", rows(found, plan), arguments.quick)
-        if not arguments.quick:
+        found, missed = measured_scenes(part, asked, plan, arguments.resume)
+        failed += missed
+        publish("radiance_cache", PARTS[part][1](found, plan), only_printed := plan["size"] != PLAN["size"])
+        if not only_printed:
             write_page()
+    if failed:
+        raise SystemExit(1)
 
 
 if __name__ == "__main__":

@@ -16,8 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from zoo_scenes import scenes
 
 from lightwell.backend import mi
+from lightwell.cache.live_scene import Lamp, LiveScene
+from lightwell.cache.scene_region import bounds_of
+from lightwell.scenes import load
+from lightwell.scenes.placing import initial_light, sample_cameras
+from lightwell.scenes.variables import declare
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT.parent / "shared" / "scenes" / "mitsuba"
@@ -55,12 +61,31 @@ def path_tracer() -> Any:
     return mi.load_dict({"type": "path", "max_depth": -1})
 
 
-def scene_of(name: str, size: int, rfilter: str = "") -> Any:
-    """A given scene at about size^2 pixels; None where it is not on this machine. ``rfilter``: 'box' or its own."""
-    path = SCENES / name / "scene_mi3.xml"
-    if not path.exists():
+def source_of(name: str) -> str | None:
+    """The file of a given scene, or of one of the zoo; None where it is not on this machine."""
+    return scenes().get(name)
+
+
+def zoo_scene(source: str, size: int) -> Any:
+    """A scene of the zoo at size^2 pixels, from its first camera or one in free air; with a lamp if it has no light."""
+    loaded = load(source)
+    variable = declare((), loaded)
+    camera = loaded.cameras[0] if loaded.cameras else sample_cameras(loaded, variable, 1, 0)[0]
+    lamp = None
+    if not loaded.mi.emitters():
+        low, high = bounds_of(loaded.mi)
+        lamp = Lamp(initial_light(loaded, variable, camera), float((high - low).max()) ** 2)
+    return LiveScene(loaded, size, camera, lamp).scene
+
+
+def scene_of(name: str, size: int) -> Any:
+    """A scene at about size^2 pixels; None where it is not on this machine."""
+    source = source_of(name)
+    if source is None:
         return None
-    scene = mi.load_file(str(path))
+    if not source.endswith("scene_mi3.xml"):
+        return zoo_scene(source, size)
+    scene = mi.load_file(source)
     film = scene.sensors()[0].film()
     width, height = (int(x) for x in film.size())
     scale = size / np.sqrt(width * height)

@@ -2,7 +2,8 @@
 
 ``persist`` stores what was learned: weights, averages, moments, scale, guide. To continue a sequence with identical
 bytes, a checkpoint also holds the tile controllers, the change detectors, the pool of earlier rays, the last guide
-table that was built, the last copy of finite weights, and the reservoirs of the last pass, as arrays ``sequence.…``.
+table that was built, the last copy of finite weights, the reservoirs of the last pass, and the average of denoised
+frames, as arrays ``sequence.…``.
 """
 
 from __future__ import annotations
@@ -65,6 +66,7 @@ def save(path: Path, integrator: NrcIntegrator, progress: Progress) -> None:
             more |= {f"guide.{name}": np.array(getattr(table.made, name)) for name in GUIDE}
     if integrator.reservoirs.held is not None:
         more |= prefixed("reservoirs", _reservoir_arrays(integrator.reservoirs.held))
+    more |= prefixed("temporal", integrator.temporal.arrays())
     about: dict[str, Any] = {
         "version": VERSION,
         "progress": asdict(progress),
@@ -101,6 +103,7 @@ def load(path: Path, integrator: NrcIntegrator, scene: Any) -> Progress:
             raise ValueError(f"version {about['version']} of the checkpoint, expected {VERSION}")
         _restore(cache, about, more)
         reservoirs = _reservoirs(under("reservoirs", more))
+        integrator.temporal.restore(under("temporal", more))
         progress = Progress(int(about["progress"]["frames"]), float(about["progress"]["exposure"]))
         if progress.frames < 1 or not progress.exposure > 0:
             raise ValueError("no finished frame")

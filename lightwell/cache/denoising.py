@@ -10,6 +10,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache.denoise_blend import NoisyHalves, blended, cache_weight
 from lightwell.cache.image_state import ImageState
+from lightwell.cache.temporal import TemporalHistory, film_of, first_surfaces
 from lightwell.cache.views import GUIDE_SPP, guides, view
 from lightwell.core.denoise import clean_guide_images, denoise
 
@@ -27,12 +28,13 @@ def check_film(sensor: Any) -> None:
         raise ValueError("nrc: denoising needs independent pixels; give the film <rfilter type='box'/>")
 
 
-def denoised_image(image: ImageState, picture: Any) -> Any:
+def denoised_image(image: ImageState, picture: Any, history: TemporalHistory) -> Any:
     """Denoise the colour channels of an image.
 
     Args:
         image: The image, whose film has a box filter.
         picture: [H, W, C] tensor, C ≥ 3, linear RGB first.
+        history: Denoised frames before it, which frames are averaged with.
 
     Returns:
         [H, W, C] tensor.
@@ -44,6 +46,11 @@ def denoised_image(image: ImageState, picture: Any) -> Any:
         numbers[..., :3] = denoise(numbers[..., :3], albedo, normal)
     else:
         numbers[..., :3] = _with_cache(image, numbers[..., :3], albedo, normal)
+    if history.most > 1 and not image.still and (film := film_of(image.sensor)) is not None:
+        if any(stats.changed for stats in image.stats):
+            history.forget()
+        surfaces = first_surfaces(image.scene, image.sensor, albedo)
+        numbers[..., :3] = history.accumulate(numbers[..., :3], surfaces, film)
     out = mi.TensorXf(numbers)
     dr.eval(out)
     return out

@@ -54,6 +54,8 @@ class GuideTable:
         """Frames added since the scene changed."""
         self.made: Guide | None = None
         """Table for kernels as it was last built; None: it must be rebuilt."""
+        self.stale = False
+        """Whether records were added since then."""
         self._levels = np.zeros(0)
 
     @property
@@ -121,7 +123,13 @@ class GuideTable:
         self.bins = KEPT * self.bins + np.bincount(bins, y, R * BINS).reshape(R, BINS)
         self.sums[:, 1] += total(y)
         self.sums[:, 2] += total(y * y)
+        self.stale = True
         if self._due():
+            self.made = None
+
+    def settle(self) -> None:
+        """Have the table rebuilt if there are records that it does not hold; to be called when training ends."""
+        if self.stale:
             self.made = None
 
     def _due(self) -> bool:
@@ -156,7 +164,7 @@ class GuideTable:
             The table on the device.
         """
         if self.made is None:
-            self.made = on_device(*self.table(), self.opaque_cells, self.opaque_share)
+            self.made, self.stale = on_device(*self.table(), self.opaque_cells, self.opaque_share), False
         return self.made
 
     def _boxes(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
@@ -171,6 +179,18 @@ class GuideTable:
             nx, ny, _ = ((self.cells - 1) >> k) + 1
             key = (((at[2] >> k) * ny + (at[1] >> k)) * nx + (at[0] >> k)) * FACES + face
             yield k, *np.unique(key, return_index=True, return_inverse=True)
+
+    def _box_sums(self) -> Iterator[tuple[Any, tuple[np.ndarray, np.ndarray]]]:
+        """Iterate over the boxes as ``_boxes``, with their sums, which are added up from those of the boxes within."""
+        boxes, within = list(self._boxes()), np.arange(len(self.keys))
+        bins, sums = self.bins, self.sums
+        levels = []
+        for one in reversed(boxes):
+            _, _, first, box = one
+            bins, sums = _grouped(bins, box[within]), _grouped(sums, box[within])
+            levels.append((one, (bins, sums)))
+            within = first
+        yield from reversed(levels)
 
     def _level_of_rows(self) -> np.ndarray:
         """[R] mean scattered luminance of the cells, shrunk towards those of the enclosing boxes."""
@@ -195,9 +215,8 @@ class GuideTable:
         index = np.meshgrid(np.arange(z), np.arange(y), np.arange(x), indexing="ij")
         shares, levels, rows = [np.full((1, BINS), 1 / BINS)], [np.zeros(1)], 1
         around: np.ndarray | None = None
-        for k, found, first, box in self._boxes():
+        for (k, found, first, box), (bins, sums) in self._box_sums():
             nx, ny, nz = ((self.cells - 1) >> k) + 1
-            bins, sums = _grouped(self.bins, box), _grouped(self.sums, box)
             shares.append(_shrunk(bins, sums, shares[0] if around is None else shares[-1][around[first]]))
             levels.append(_level(sums, None if around is None else levels[-1][around[first]]))
             coarse = np.zeros(nx * ny * nz * FACES, np.int64)

@@ -13,6 +13,9 @@ LESSONS = 8
 # Images whose paths have less relative variance than this gain nothing from a guide (measured: Cornell box 0.9,
 # veach-ajar 6).
 CALM = 3.0
+# The same of stills without a cache, where the guide has to pay for its training alone (measured at 96^2: staircase2 at
+# 3.05 loses, veach-bidir at 4.2 gains nothing, veach-ajar at 7 gains).
+CALM_UNBIASED = 5.0
 
 
 class GuideTraining:
@@ -29,7 +32,7 @@ class GuideTraining:
         """Training data of the guide; made by ``prepare`` where the settings enable a guide."""
         self.allowed = False
         """guide=auto: whether the still has enough samples to try a guide."""
-        self.calm = CALM
+        self.calm = CALM if settings.caching else CALM_UNBIASED
         """guide=auto: relative variance of a path below which no guide is trained."""
 
     def prepare(self, box: np.ndarray) -> None:
@@ -72,6 +75,11 @@ class GuideTraining:
             begun = noise >= self.calm or table.frames > 0
             teaches = still and self.allowed and table.frames < LESSONS and begun
         return table if teaches else None
+
+    def settle(self) -> None:
+        """Let the guide hold all records; to be called when training ends."""
+        if self.table is not None:
+            self.table.settle()
 
     def forget(self) -> None:
         """Reduce the weight of the training data after a change of the scene."""

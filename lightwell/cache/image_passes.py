@@ -10,6 +10,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.cache import frames
 from lightwell.cache.guide_selector import ENOUGH, PARTS, PASSES, GuideSelector
+from lightwell.cache.guide_trial import GuideTrial, has_trial
 from lightwell.cache.image_state import ImageState, keeps_half, train_frame
 from lightwell.cache.radiance_cache import RadianceCache
 
@@ -58,7 +59,8 @@ class ImagePasses:
         image, estimator = self.image, self.settings.estimation.estimator
         two_level = estimator == "two-level" and image.caching
         per_pass, trains = self._per_pass(), not image.still and self.learns
-        done, longest = self._pilot(per_pass), 0.0
+        done, aside = self._trial() if has_trial(image) else (self._pilot(per_pass), 0)
+        longest = 0.0
         while done < image.spp or self.timed:
             start = time.perf_counter()
             block = per_pass if self.timed else min(per_pass, image.spp - done)
@@ -74,7 +76,7 @@ class ImagePasses:
                 longest = max(longest, time.perf_counter() - start) if done > block else 0.0
                 if time.perf_counter() - image.began + longest > self.settings.image.seconds:
                     break
-        image.rendered.samples = done
+        image.rendered.samples = done + aside
         image.rendered.half = self._kept_half(done)
         developed = self.film.develop()
         return developed + self._second_level(done) if two_level else developed
@@ -123,10 +125,7 @@ class ImagePasses:
     def _pilot(self, per_pass: int) -> int:
         """Test whether the guide, if there is one, pays; returns the number of samples used, all in the image."""
         image, s = self.image, self.settings
-        # Without the cache, passes of both kinds are unbiased: an image with a time limit may leave a guide that costs
-        # more than it saves. Other unbiased stills keep their samples as they are.
-        tests = image.caching or (self.timed and not s.caching)
-        if not (image.still and tests and image.guiding and s.guiding.guide == "auto"):
+        if not (image.still and image.caching and image.guiding and s.guiding.guide == "auto"):
             return 0
         if image.cache.guiding.guide is None or (not self.timed and image.spp < ENOUGH):
             image.guiding = False
@@ -137,7 +136,7 @@ class ImagePasses:
         for guided in (False, True) * PASSES:
             start = time.perf_counter()
             image.guiding = guided
-            tensor = self._add(done, block, "biased" if image.caching else s.estimation.estimator).tensor()
+            tensor = self._add(done, block, "biased").tensor()
             dr.eval(tensor)
             dr.sync_thread()
             trial.add(guided, np.array(tensor), time.perf_counter() - start)
@@ -146,6 +145,23 @@ class ImagePasses:
                 break
         image.guiding = trial.guide_pays(self.timed)
         return done
+
+    def _trial(self) -> tuple[int, int]:
+        """Decide whether an unbiased still is guided; returns the samples of its sequence that are used, and others."""
+        image = self.image
+
+        def trace(guided: bool, number: int) -> Any:
+            image.guiding = guided
+            # Guided passes have a sequence of their own, so that the samples of plain ones stay contiguous.
+            seed = mixed_seed(image.seed) if guided else image.seed
+            return self._pass(seed, number, 1, image.spp, image.settings.estimation.estimator)
+
+        trial = GuideTrial(image, trace)
+        image.pilot = trial.selector
+        trial.run()
+        for block in trial.blocks():
+            self.film.put_block(block)
+        return len(trial.held[False]), len(trial.held[True])
 
     def _second_level(self, spp: int) -> mi.TensorXf:
         """Estimate the error of the cache with full paths, one for every ``level_samples`` cheap ones."""

@@ -15,6 +15,7 @@ from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.reservoir_history import ReservoirHistory
 from lightwell.cache.settings import CacheSettings, settings_of
 from lightwell.cache.still_training import WORTH, train_still
+from lightwell.cache.temporal import TemporalHistory
 
 check_variant(mi.variant())
 
@@ -55,6 +56,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         """Made when a scene is first rendered; assign a trained one to start from it."""
         self.reservoirs = ReservoirHistory(settings.estimation)
         """Reservoirs of the last pass."""
+        self.temporal = TemporalHistory(settings.image.denoise_frames)
+        """Average of denoised frames."""
         self.last: ImageState | None = None
         """The last image: statistics of its training, seconds, samples."""
         self.worth = WORTH
@@ -85,6 +88,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if self.cache is None or (self._scene is not None and self._scene is not scene):
             self.cache = RadianceCache(self.settings)
             self.reservoirs.forget()
+            self.temporal.forget()
         if self._scene is not scene or self.cache.region.materials is None:
             check_scene(scene)
             self.cache.prepare(scene)
@@ -100,6 +104,8 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
         if self.cache is not None and self._scene is not None:
             self.cache.scene_changed(kind, self._scene)
             self.reservoirs.forget()
+            if kind != "camera":
+                self.temporal.forget()
 
     # ------------------------------------------------------------------ rendering
 
@@ -136,7 +142,7 @@ class NrcIntegrator(mi.ad.integrators.common.ADIntegrator):
             picture = ImagePasses(image).render()
             dr.eval(picture)
             image.seconds["trace"] += time.perf_counter() - start - (image.seconds["train"] - trained)
-            return denoised_image(image, picture) if self.settings.image.denoise else picture
+            return denoised_image(image, picture, self.temporal) if self.settings.image.denoise else picture
 
     def _image(self, scene: Any, sensor: Any, seed: int, spp: int) -> ImageState:
         self.last = ImageState(self.settings, scene, sensor, self.cache_of(scene), self.reservoirs, seed, spp)

@@ -212,6 +212,12 @@ class ImageSettings:
         "With 'denoise', a still: blend with the cache's view, pixel by pixel, where two halves of the samples show "
         "that it is nearer to the truth; guide images are denoised first.",
     )
+    denoise_frames: int = option(
+        1,
+        "With 'denoise', frames: average up to so many denoised frames along the motion of the surfaces. 1: none.",
+        least=1,
+        most=64,
+    )
     local_level: bool = option(
         True, "still: correct the mean of predictions by place, as measured by the training paths."
     )
@@ -281,6 +287,8 @@ class CacheSettings:
                 raise ValueError(f"nrc: {name} = {value}, {wrong}")
 
         image, estimator = self.image, self.estimation.estimator
+        if image.denoise_frames > 1 and not (image.denoise and image.mode != "still"):
+            raise ValueError("nrc: denoise_frames averages denoised frames; set denoise=true, and mode=frames or auto")
         biased = self.caching and estimator == "biased"
         if image.denoise_cache and not (image.denoise and biased and image.mode != "frames"):
             raise ValueError(

@@ -6,6 +6,7 @@ import time
 
 from lightwell.backend import dr
 from lightwell.cache.guide_selector import ENOUGH
+from lightwell.cache.guide_trial import FIRST_SHARE, has_trial, train_guide
 from lightwell.cache.image_state import ImageState, train_frame
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.training_stats import TrainingStats
@@ -35,6 +36,8 @@ def train_still(image: ImageState, worth: float = WORTH) -> None:
     cache, s, options = image.cache, image.settings, image.settings.image
     schedule, start = cache.schedule, time.perf_counter()
     schedule.still, cache.guiding.allowed = True, image.guiding and (options.seconds > 0 or image.spp >= ENOUGH)
+    if has_trial(image):
+        return train_guide(image, FIRST_SHARE)
     done = 0.0
     while done < 1 and not cache.frozen:
         schedule.rate_factor = FINAL_RATE**done
@@ -53,6 +56,7 @@ def train_still(image: ImageState, worth: float = WORTH) -> None:
     image.guiding &= image.caching or not s.caching
     if image.caching:
         cache.trainer.settle()
+    cache.guiding.settle()
     dr.sync_thread()
     image.seconds["train"] += time.perf_counter() - start
 

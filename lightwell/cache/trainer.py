@@ -131,6 +131,7 @@ class Trainer:
             columns * rows, s.paths.max_vertices, (width, height),
             (float(sensor.shutter_open()), float(sensor.shutter_open_time())), choice_of(u),
             f"{sensor.class_name()} {film.size()} {film.crop_offset()}", table is not None, guide is not None,
+            s.caching,
         )  # fmt: skip
         cells = mi.Vector3f(1) if table is None else table.opaque_cells
         self.replay.look(str(sensor.world_transform().matrix))

@@ -48,6 +48,8 @@ class FrameShape:
     """Whether the records are used to train a guide, too."""
     guided: bool = False
     """Whether directions are sampled from a guide."""
+    predicts: bool = True
+    """Whether predictions of the network may end paths and are compared with them."""
 
 
 class FrameParameters:
@@ -178,7 +180,7 @@ def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
         unbiased = _unbiased(shape, numbers)
         records = trace_records(scene, sampler, ray, context, unbiased, numbers.shortest, V, P, guide)
         dr.eval(records)
-        tail = model.radiance(tails[0], records.tail, tails[1])
+        tail = model.radiance(tails[0], records.tail, tails[1]) if shape.predicts else mi.Color3f(0)
         targets, at_query = resolve(records, tail * numbers.attenuation, V, P)
         dr.eval(targets, at_query)
         out = TracedRecords()
@@ -188,7 +190,8 @@ def frozen_frame(model: Model, shape: FrameShape) -> Recorded:
         out.dropped = dr.sum(dr.select(bad, mi.UInt32(1), 0))
         out.luminance = _luminances(model, records.features, targets, ok)
         out.hits = dr.sum(dr.select(records.count > 0, mi.UInt32(1), 0))
-        out.meter = _meter(model, records, at_query, pixels, ~replayed, V, P)
+        if shape.predicts:
+            out.meter = _meter(model, records, at_query, pixels, ~replayed, V, P)
         ended = dr.select(records.ended, mi.Float(1), 0)
         out.level = dr.sum(ended * mi.luminance(tail)) / dr.maximum(dr.sum(ended), 1)
         out.o, out.d = ray.o, ray.d

@@ -119,6 +119,7 @@ def _resumed(
     if missing:
         LOG.warning("render: the sequence begins anew: frame-%04d.%s is missing", missing[0], kind)
         integrator.cache, integrator.reservoirs.held = None, None
+        integrator.temporal.forget()
         return 0, None
     for k in range(found.frames):
         if k == found.frames - 1:

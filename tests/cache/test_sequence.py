@@ -77,6 +77,7 @@ def test_a_sequence_killed_in_the_middle_ends_with_the_same_bytes(tmp_path):
     "options",
     [
         {"first_hit": "restir-di", "replay": 0.2},
+        {"denoise": "true", "denoise_frames": 3},
         pytest.param({"guide": "always"}, marks=pytest.mark.slow),
         pytest.param({"first_hit": "restir-di"}, marks=pytest.mark.slow),
         pytest.param({"replay": 0.2}, marks=pytest.mark.slow),
