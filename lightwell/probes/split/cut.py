@@ -60,55 +60,49 @@ def find_cuts(scene: Scene, support: Support) -> Cuts:
     Returns:
         The planes.
     """
-    segments = _Segments.of(support)
+    segments = _Segments(support)
     cell, place = _walls(scene, support)
     planes = np.zeros((support.lattice.cell_count, 4))
     order = np.argsort(cell, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
         if len(rows) >= LEAST:
-            planes[cell[rows[0]]] = _plane(place[rows], segments, cell[rows[0]])
+            planes[cell[rows[0]]] = _plane(place[rows], segments, int(cell[rows[0]]))
     for _ in range(CONTINUED):
         planes = _continued(support, segments, planes)
     row = np.where(planes.any(axis=1), np.cumsum(planes.any(axis=1)) - 1, -1).astype(np.int32)
     return Cuts(row, planes[row >= 0])
 
 
-@dataclass(frozen=True)
 class _Segments:
-    """Segments with an end in a cell, in its coordinates; both ends lie in air."""
+    """Segments with an end in a cell, in its coordinates, both of whose ends lie in air."""
 
-    start: np.ndarray
-    """[E, 3] first ends."""
-    end: np.ndarray
-    """[E, 3] second ends."""
-    blocked: np.ndarray
-    """[C, E] bool: the ends do not see each other."""
-    free: np.ndarray
-    """[C, E] bool: they do."""
-
-    @staticmethod
-    def of(support: Support) -> _Segments:
-        """Those that start in a cell, then those from other cells that end in it."""
-        layout, lattice = support.pattern, support.lattice
-        across = np.flatnonzero((layout.step != 0).any(axis=1))
+    def __init__(self, support: Support) -> None:
+        layout = self._layout = support.pattern
+        self._support = support
+        self._across = np.flatnonzero((layout.step != 0).any(axis=1))
         start, end = layout.points[layout.start], layout.points[layout.end] + layout.step
-        cells = lattice.cell_corner(np.arange(lattice.cell_count))[:, None]
-        there = lattice.cell_number(cells + layout.step)
-        known = support.valid[:, layout.start] & support.valid[there, layout.end] & (there >= 0)
-        before = lattice.cell_number(cells - layout.step[across])
-        known = np.concatenate([known, known[before, across] & (before >= 0)], axis=1)
-        free = np.concatenate([support.free, support.free[before, across] & (before >= 0)], axis=1)
-        start = np.concatenate([start, start[across] - layout.step[across]])
-        end = np.concatenate([end, end[across] - layout.step[across]])
-        return _Segments(start, end, known & ~free, free)
+        # Those that start in a cell, then those from other cells that end in it.
+        back = layout.step[self._across]
+        self.start = np.concatenate([start, start[self._across] - back])
+        self.end = np.concatenate([end, end[self._across] - back])
 
-    def crossing(self, plane: np.ndarray, cell: int) -> tuple[int, int]:
-        """Count the blocked and the free segments that cross a plane [4] inside a cell."""
+    def of(self, cell: int) -> tuple[np.ndarray, np.ndarray]:
+        """[E] bool: segments of a cell whose ends do not see each other, and those whose ends do."""
+        support, layout, across = self._support, self._layout, self._across
+        corner = support.lattice.cell_corner(np.array(cell))
+        there, before = (support.lattice.cell_number(corner + step) for step in (layout.step, -layout.step[across]))
+        known = support.valid[cell, layout.start] & support.valid[there, layout.end] & (there >= 0)
+        from_ = support.valid[before, layout.start[across]] & support.valid[cell, layout.end[across]] & (before >= 0)
+        free = np.concatenate([support.free[cell], support.free[before, across] & (before >= 0)])
+        return np.concatenate([known, from_]) & ~free, free
+
+    def crossing(self, plane: np.ndarray, blocked: np.ndarray, free: np.ndarray) -> tuple[int, int]:
+        """Count the blocked and the free segments that cross a plane [4] inside the cell."""
         a, b = self.start @ plane[:3] + plane[3], self.end @ plane[:3] + plane[3]
         t = np.clip(a / np.where(a == b, 1, a - b), 0, 1)[:, None]
         at = self.start + t * (self.end - self.start)
         cross = ((a > 0) != (b > 0)) & (np.abs(at - 0.5) <= 0.5).all(axis=1)
-        return int((cross & self.blocked[cell]).sum()), int((cross & self.free[cell]).sum())
+        return int((cross & blocked).sum()), int((cross & free).sum())
 
 
 def _agrees(cut: int, lost: int) -> bool:
@@ -128,7 +122,7 @@ def _continued(support: Support, segments: _Segments, planes: np.ndarray) -> np.
             moved = moved - np.append(np.zeros(3), 1.0) * (moved[:, :3] @ step)[:, None]
             for k in np.flatnonzero(~out.any(axis=1) & (other >= 0) & moved[:, :3].any(axis=1)):
                 side = CORNERS @ moved[k, :3] + moved[k, 3] > 0
-                if side.any() and not side.all() and _agrees(*segments.crossing(moved[k], k)):
+                if side.any() and not side.all() and _agrees(*segments.crossing(moved[k], *segments.of(int(k)))):
                     out[k] = moved[k]
     return out
 
@@ -153,12 +147,13 @@ def _walls(scene: Scene, support: Support) -> tuple[np.ndarray, np.ndarray]:
 def _plane(place: np.ndarray, segments: _Segments, cell: int) -> np.ndarray:
     """The plane [4] through some of the places [M, 3] that separates the blocked segments best; 0 where none does."""
     best, found = -np.inf, np.zeros(4)
+    blocked, free = segments.of(cell)
     for plane in _tried(place, cell):
         near = np.abs(place @ plane[:3] + plane[3]) < CLOSE
         if near.sum() < SEPARATED * len(place):
             continue
         for one in (plane, _least_squares(place[near])):
-            cut, lost = segments.crossing(one, cell)
+            cut, lost = segments.crossing(one, blocked, free)
             if cut - lost > best:
                 best, found = cut - lost, one * _agrees(cut, lost)
     # The largest component is positive: neighbours of one wall have the same side 1.

@@ -6,6 +6,8 @@ Per pixel: the cell by ``nearest``; the side of its plane by ``select``; eight n
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from lightwell.graph import Builder, Graph, pack
@@ -21,7 +23,7 @@ def lower(volume: FeatureVolume, unit: float = 1.0, code: Mixing | None = None) 
 
     Args:
         volume: The volume.
-        unit: Irradiance of 1 in the volume's light.
+        unit: Irradiance of 1 in the graph: what is stored is divided by it.
         code: Computes the K mixing factors; None for light that does not change.
 
     Returns:
@@ -44,24 +46,23 @@ def lower(volume: FeatureVolume, unit: float = 1.0, code: Mixing | None = None) 
     side = b.select(height, b.affine(first, [1.0], [1.0]), first)
     sides = np.concatenate([np.zeros((1, 8)), grid.nodes + 1.0])
     nodes = b.rows(side, b.buffer(pack_indices(sides), "sides"))
-    features = _interpolated(b, volume, nodes, f)
+    features = _interpolated(b, volume.features / np.float32(unit), nodes, f)
     decoder = pack(_ordered(volume), "float16")
     e = b.linear(features, decoder, np.zeros(len(volume.decoder)))
     return b.build(radiance=shaded(b, code.mixed(b, e) if code else e, unit))
 
 
-def _interpolated(b: Builder, volume: FeatureVolume, nodes: str, f: str) -> str:
-    """[F] features at the point."""
-    black = np.zeros((1, volume.features.shape[1]), np.float32)
-    table = b.buffer(pack(np.concatenate([black, volume.features]), "int8"), "features")
+def _interpolated(b: Builder, values: np.ndarray, nodes: str, f: str) -> str:
+    """[F] features [P, F] at the point."""
+    black = np.zeros((1, values.shape[1]), np.float32)
+    table = b.buffer(pack(np.concatenate([black, values]), "int8"), "features")
     g = b.affine(f, [-1.0] * 3, [1.0] * 3)
     axis = [[b.slice(v, k, 1) for v in (g, f)] for k in range(3)]
-    total = None
+    parts = []
     for k, corner in enumerate(CORNERS):
         hat = b.multiply(b.multiply(axis[0][corner[0]], axis[1][corner[1]]), axis[2][corner[2]])
-        part = b.multiply(hat, b.rows(b.slice(nodes, k, 1), table))
-        total = part if total is None else b.add(total, part)
-    return total
+        parts.append(b.multiply(hat, b.rows(b.slice(nodes, k, 1), table)))
+    return reduce(b.add, parts)
 
 
 def _ordered(volume: FeatureVolume) -> np.ndarray:
