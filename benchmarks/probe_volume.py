@@ -22,21 +22,28 @@ from lightwell.probes.volume import query as query_probes
 COUNT, PATHS = 1200, 2048
 FEATURES, SEED = 12, 1
 SPACING = 1.0
+# Grids that are tried for a number of bytes, and the part of it that is enough.
+TRIES, ENOUGH = 4, 0.85
 
 
 def volume_of(scene, lit: SolvedVolume, most: float, offset) -> FeatureVolume:
-    """A volume of the samples of ``lit`` with at most ``most`` bytes: half as far apart as probes, or what they buy."""
+    """A volume of the samples of ``lit`` of at most ``most`` bytes, and nearly as many."""
     light = np.concatenate([lit.samples.light, lit.start])
     place = np.concatenate([lit.samples.place, origins(lit.geometry)[0]])
     rows = SolveRows(place, np.zeros_like(place), light)
-    spacing = SPACING / 2
-    while True:
+    spacing, found = SPACING / 2, None
+    for _ in range(TRIES):
         grid, _ = split_grid(scene, ProbeLattice.around(scene.bounds, spacing, offset))
         volume = fit_volume(grid, rows, FEATURES)
         size = sum(volume.bytes.values())
-        if size <= most:
-            return volume
+        # Of those that fit, the largest one.
+        if size <= most and (found is None or size > sum(found.bytes.values())):
+            found = volume
+        if ENOUGH * most <= size <= most:
+            break
         spacing *= 1.01 * (size / most) ** (1 / 3)
+    assert found is not None
+    return found
 
 
 def asked_volume(volume: FeatureVolume, asked: Queries) -> np.ndarray:

@@ -1,12 +1,14 @@
 """Fits a feature volume to path-traced samples: light at the nodes by least squares, then the fewest features.
 
     min over T   Σ_i ω_i ‖Σ_p a_ip T_p - L_i‖² + Σ_e ν₁ ω_e ‖T_p - T_q‖² + Σ_b ν₂ ω_b ‖T_p - 2 T_q + T_r‖²
+                 + Σ_o ω_o ‖Σ_p c_op T_p‖²
 
-with ω reweighted for the symmetric relative error as in the solve of probes, e the edges of the grid and b three nodes
-in a line: nodes without samples continue their neighbours linearly. Light is smooth over a distance in metres, and
-noise averages over samples: with m samples in a cell, ν₁ grows with m^⅓ and ν₂ falls with it. The features are the
-leading singular vectors of the nodes' light, each node divided by its size. Notation: I samples, S light states, P
-nodes, F features, K bases.
+with ω reweighted for the symmetric relative error as in the solve of probes, e the edges of the grid, b three nodes in
+a line, and o the places where air crosses a plane beyond the end of its wall, with c the difference of its sides.
+Nodes without samples continue their neighbours linearly. Light is smooth over a distance in metres, and noise averages
+over samples: with m samples in a cell, ν₁ grows with m^⅓ and ν₂ falls with it. The features are the leading singular
+vectors of the nodes' light, each node divided by its size. Notation: I samples, S light states, P nodes, F features,
+K bases.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
-from lightwell.probes.lattice import CORNERS
+from lightwell.probes.lattice import CORNERS, hat
 from lightwell.probes.solve import Measure, SolveRows
 from lightwell.probes.split.grid import SplitGrid
 from lightwell.probes.split.volume import FeatureVolume
@@ -25,6 +27,8 @@ from lightwell.probes.split.volume import FeatureVolume
 # Regularisation with one sample in a cell: ν₁ and ν₂ (two rooms with a doorway: relative error 0.052 at ν₂ = 0.01,
 # 0.047 at 0.1, 0.065 at 2, where shadows blur).
 SLOPE, BEND = 0.03, 0.16
+# Weight of the difference between both sides of a plane where air crosses it, as that of one sample.
+SEAM = 1.0
 PASSES = 3
 # Weight of the smoothness of log ω, which gives nodes without samples the ω of their neighbours, and of all nodes, so
 # that parts without samples are dark.
@@ -115,6 +119,8 @@ class _System:
     """[edges, P] differences."""
     bends: csr_matrix
     """[lines, P] second differences."""
+    seams: csr_matrix
+    """[openings, P] differences between the sides of a plane."""
     density: float
     """Samples per cell with air."""
 
@@ -127,6 +133,7 @@ class _System:
             _sparse(node, weight, grid.count),
             _sparse(edges, np.broadcast_to([1.0, -1.0], edges.shape), grid.count),
             _sparse(lines, np.broadcast_to([1.0, -2.0, 1.0], lines.shape), grid.count),
+            _seams(grid),
             density,
         )
 
@@ -135,7 +142,7 @@ class _System:
         gram = self.matrix.T @ diags(omega) @ self.matrix
         at = self._spread(omega)
         scale = np.cbrt(self.density)
-        for rows, weight in ((self.slopes, SLOPE * scale), (self.bends, BEND / scale)):
+        for rows, weight in ((self.slopes, SLOPE * scale), (self.bends, BEND / scale), (self.seams, SEAM)):
             # ω of a row is the geometric mean over its nodes, so that a dark room is as smooth as a bright one.
             share = abs(rows)
             mean = np.exp((share @ at) / np.maximum(np.asarray(share.sum(axis=1)).ravel(), 1))
@@ -156,6 +163,14 @@ def _sparse(columns: np.ndarray, values: np.ndarray, count: int) -> csr_matrix:
     """[N, count] matrix of rows with a few entries [N, M]."""
     at = np.repeat(np.arange(len(columns)), columns.shape[1])
     return coo_matrix((values.ravel(), (at, columns.ravel())), (len(columns), count)).tocsr()
+
+
+def _seams(grid: SplitGrid) -> csr_matrix:
+    """[M, P] light on side 0 minus light on side 1 at the openings."""
+    first = grid.first[grid.openings[:, 0].astype(np.int64)]
+    weight = hat(grid.openings[:, None, 1:] - CORNERS)
+    node = np.concatenate([grid.nodes[first], grid.nodes[first + 1]], axis=1)
+    return _sparse(node, np.concatenate([weight, -weight], axis=1), grid.count)
 
 
 def _edges(grid: SplitGrid) -> np.ndarray:

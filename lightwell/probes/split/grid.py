@@ -10,7 +10,7 @@ a wall as a crack does in the extended finite element method (Moës, Dolbow and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -43,6 +43,8 @@ class SplitGrid:
     """[S, 8] int32 nodes at the corners of a side, in the order of ``CORNERS``."""
     bends: np.ndarray
     """[M, 3] int32 neighbouring nodes in a line, across a face that two sides share."""
+    openings: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    """[M, 4] cell, and place in it, where air crosses a plane beyond the end of its wall: light has no seam there."""
 
     @property
     def count(self) -> int:
@@ -108,19 +110,32 @@ def grid_of(support: Support, cuts: Cuts) -> SplitGrid:
     f = np.tile(support.pattern.points, (lattice.cell_count, 1))
     side = cuts.side(points, f).reshape(lattice.cell_count, -1)
     air = np.stack([(support.valid & (side == k)).any(axis=1) for k in (0, 1)], axis=1)
-    joined = _joined(support, side)
+    joined = _joined(support, cuts, side)
     label = _labels(lattice, joined)
     # [C, 2] row of each side; sides without a point in air continue neighbours.
     rows = np.where(air, np.cumsum(air).reshape(air.shape) - 1, -1)
     rows, table = _continued(lattice, cuts, rows, label[air])
-    return _numbered(lattice, cuts, rows, table, _bends(label, joined))
+    grid = _numbered(lattice, cuts, rows, table, _bends(label, joined))
+    return replace(grid, openings=_openings(support, cuts))
 
 
-def _joined(support: Support, side: np.ndarray) -> np.ndarray:
+def _openings(support: Support, cuts: Cuts) -> np.ndarray:
+    """[M, 4] cell and place where free segments inside cut cells cross the plane."""
+    layout, cells = support.pattern, np.flatnonzero(cuts.row >= 0)
+    inside = np.flatnonzero((layout.step == 0).all(axis=1))
+    height = cuts.plane[:, :3] @ layout.points.T + cuts.plane[:, 3:]
+    a, b = height[:, layout.start[inside]], height[:, layout.end[inside]]
+    row, edge = np.nonzero(((a > 0) != (b > 0)) & support.free[cells][:, inside])
+    start, end = layout.points[layout.start[inside][edge]], layout.points[layout.end[inside][edge]]
+    t = (a[row, edge] / (a[row, edge] - b[row, edge]))[:, None]
+    return np.column_stack([cells[row], start + t * (end - start)])
+
+
+def _joined(support: Support, cuts: Cuts, side: np.ndarray) -> np.ndarray:
     """[J, 4] connected sides (2 · cell + side) across a quarter of a face: the lower and the higher side, the axis, and
     the corner of the lower cell. Each quarter decides for its own corner, so that a wall may end within a face."""
     lattice, layout, found = support.lattice, support.pattern, []
-    cells = np.arange(lattice.cell_count)
+    cells, main = np.arange(lattice.cell_count), cuts.main
     for axis in range(3):
         step = np.eye(3, dtype=np.int64)[axis]
         other = lattice.cell_number(lattice.cell_corner(cells) + step)
@@ -130,18 +145,25 @@ def _joined(support: Support, side: np.ndarray) -> np.ndarray:
         known = support.valid[low][:, start] & support.valid[high][:, end]
         free = support.free[low][:, edges]
         pair = 2 * side[low][:, start] + side[high][:, end]
+        # Along one wall only equal sides meet: what crosses its plane beyond its end goes through other cells.
+        one_wall = (main[low] == main[high]) & (main[low] >= 0) & (main[low] != axis)
         corner = _crossed(layout.points[start], layout.points[end] + step, axis)
+        names, quarter = np.unique(corner, return_inverse=True)
+        quarters = np.eye(len(names), dtype=np.float32)[quarter]
         for k in range(4):
-            seen = pair == k
-            quarters = np.stack([corner == quarter for quarter in np.unique(corner)])
-            every, open_ = ((seen & v) @ quarters.T.astype(np.float32) for v in (known, free))
-            good = (open_ > 0) & (open_ >= CONNECTED * every)
-            # A quarter without air follows the others: nodes behind a wall are shared like those in front of it.
-            row, q = np.nonzero(good | ((every == 0) & good.any(axis=1, keepdims=True)))
-            found.append(
-                np.stack([2 * low[row] + k // 2, 2 * high[row] + k % 2, 0 * row + axis, np.unique(corner)[q]], 1)
-            )
+            seen = (pair == k) & ~(one_wall & (k in (1, 2)))[:, None]
+            row, q = _open(seen & known, seen & free, quarters)
+            sides = (2 * low[row] + k // 2, 2 * high[row] + k % 2)
+            found.append(np.stack([*sides, 0 * row + axis, names[q]], axis=1))
     return np.concatenate(found)
+
+
+def _open(known: np.ndarray, free: np.ndarray, quarters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and quarters of faces that are open, from segments [N, E] and the quarter [E, 4] that each crosses."""
+    every, seen = known @ quarters, free @ quarters
+    good = (seen > 0) & (seen >= CONNECTED * every)
+    # A quarter without air follows the others: nodes behind a wall are shared like those in front of it.
+    return np.nonzero(good | ((every == 0) & good.any(axis=1, keepdims=True)))
 
 
 def _crossed(start: np.ndarray, end: np.ndarray, axis: int) -> np.ndarray:
@@ -163,8 +185,7 @@ def _continued(lattice: ProbeLattice, cuts: Cuts, rows: np.ndarray, table: np.nd
     """``rows`` and ``table`` with sides that hold no point in air: they repeat the nodes of a neighbour's face, so that
     light is constant across what little air they have."""
     cut, cells = cuts.row >= 0, np.arange(lattice.cell_count)
-    normal = cuts.plane[np.maximum(cuts.row, 0), :3] * cut[:, None] if len(cuts.plane) else np.zeros((len(cells), 3))
-    main, rows, parts = np.abs(normal).argmax(axis=1), rows.copy(), [table]
+    main, rows, parts = cuts.main, rows.copy(), [table]
     for _ in range(GROWN):
         before, known = rows.copy(), np.concatenate(parts)
         for axis, sign, side in product(range(3), (1, -1), (0, 1)):
