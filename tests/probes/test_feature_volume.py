@@ -135,6 +135,22 @@ def test_features_are_scaled_with_the_light(shut):
     assert np.allclose(query(bright, x, n), 1e4 * query(lit(*shut, rooms), x, n), rtol=0.02)
 
 
+def test_light_has_no_seam_where_air_crosses_a_plane(doorway):
+    """Places in a doorway on both sides of a plane beyond the end of its wall; without the openings there is a step."""
+    grid, support = doorway
+    assert len(grid.openings)
+    cell, place = grid.openings[:, 0].astype(np.int64), grid.openings[:, 1:]
+    at = grid.lattice.origin + SPACING * (grid.lattice.cell_corner(cell) + place)
+    step = 1e-4 * grid.cuts.plane[grid.cuts.row[cell], :3]
+    slope = lambda x: rooms(x * [0, 1, 1] + 1) * (1 - np.tanh(4 * x[:, 0]) / 2)[:, None, None]  # noqa: E731
+    jump = []
+    for tried in (grid, replace(grid, openings=np.zeros((0, 4)))):
+        volume = lit(tried, support, slope)
+        low, high = (volume.harmonics(at + way)[:, 0, 0, 0] for way in (-step, step))
+        jump.append(np.abs(high - low).mean() / low.mean())
+    assert jump[0] < 0.5 * jump[1] and jump[0] < 0.03
+
+
 def random_volume(grid, rank: int = 1, features: int = 5) -> FeatureVolume:
     rng = np.random.default_rng(3)
     decoder = rng.normal(size=(27 * rank, features)).astype(np.float16).astype(np.float32)
