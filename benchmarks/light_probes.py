@@ -46,6 +46,8 @@ TRIALS = ROOT / "out/light_probes"
 # Offsets on which the network without a lattice is trained, and its steps.
 NET_OFFSETS, NET_STEPS = 1, 1500
 LAMPS = "-lamps"
+# Scenes in which the feature volume is compared with probes, and the end of the names of these parts.
+COMPARED, VOLUME = ("s1-5", "s2", "s3", "s5", "two-rooms"), "-volume"
 # Modules that no trial asks.
 UNASKED = ("generator", "file", "keep", "page", "lower", "code", "mlp", "product", "refine")
 
@@ -366,6 +368,14 @@ def rebake_time(quick: bool) -> list[Row]:
     ]
 
 
+def volume_rows(name: str, quick: bool, offsets: int) -> list[Row]:
+    """The feature volume against probes with bricks in one scene."""
+    from probe_volume import rows_of
+
+    made, direct = _leak_scene(name.removesuffix(VOLUME))
+    return rows_of(made.name, made, direct, quick, min(offsets, 2))
+
+
 PARTS = {"browser": browser, "time": query_time, "memory": memory, "weights": weight_time, "rebake": rebake_time}
 
 
@@ -377,13 +387,15 @@ def main() -> None:
     parser.add_argument("--offsets", type=int, default=OFFSETS, help="lattice offsets (default: %(default)s)")
     arguments = parser.parse_args()
     scenes = ["s1-5", "s2", "s3", "s4", "s5", "two-rooms", "s1-5-lamps", "godot-room", "veach-ajar", "zdm2"]
-    everything = ["memory", "weights", "rebake", "time", "browser", *scenes]
-    known = [*PARTS, *SCENES, *(f"{name}{LAMPS}" for name in SCENES), "two-rooms", *FILES]
+    volumes = [name + VOLUME for name in COMPARED]
+    everything = ["memory", "weights", "rebake", "time", "browser", *scenes, *volumes]
+    known = [*PARTS, *volumes, *SCENES, *(f"{name}{LAMPS}" for name in SCENES), "two-rooms", *FILES]
     asked = chosen("--only", arguments.only, known) if arguments.only else everything
     names = ["memory", "s1-5"] if arguments.quick and not arguments.only else asked
     for name in names:
         offsets = 1 if arguments.quick else arguments.offsets
-        rows = PARTS[name](arguments.quick) if name in PARTS else scene_rows(name, arguments.quick, offsets)
+        of_scene = volume_rows if name.endswith(VOLUME) else scene_rows
+        rows = PARTS[name](arguments.quick) if name in PARTS else of_scene(name, arguments.quick, offsets)
         publish("light_probes", rows, arguments.quick)
 
 

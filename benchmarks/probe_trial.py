@@ -131,7 +131,7 @@ def trial(
     support = made.support
     every = traced(scene, made, np.arange(len(lattice)), effort, seed) * support.stands[:, None, None]
     answers, bytes_ = {}, {}
-    ask = lambda volume: _asked(lambda v, x, n: query(v, x, n)[0], volume, asked)  # noqa: E731
+    ask = lambda volume: asked_of(lambda v, x, n: query(v, x, n)[0], volume, asked)  # noqa: E731
     for function in functions:
         geometry = made if function == functions[0] else bake_geometry(scene, spacing, function, lattice=lattice)
         lit = light_volume(scene, geometry, effort, seed)
@@ -147,7 +147,7 @@ def trial(
     answers["trilinear"] = ask(plain(support, False).lit(every))
     answers["validity"] = ask(plain(support, True).lit(every))
     answers |= others(support, every, asked)
-    answers["line of sight"] = _line_of_sight(scene, support, every, asked)
+    answers["line of sight"] = line_of_sight_of(scene, support, every, asked)
     answers["ddgi"] = _best_bias(ddgi.bake_moments(scene, support, every), asked)
     # Denser trilinear lattices of as many bytes (B8).
     finer = spacing * min(1.0, (TRILINEAR_BYTES * support.stands.sum() / bytes_["ours"]) ** (1 / 3))
@@ -197,14 +197,14 @@ def others(support, light: np.ndarray, asked: Queries) -> dict[str, np.ndarray]:
     return found
 
 
-def _asked(answer, volume, asked: Queries) -> np.ndarray:
+def asked_of(answer, volume, asked: Queries) -> np.ndarray:
     """Answers of a volume, with the offset on surfaces alone."""
     found = answer(volume, asked.place, asked.normal)
     found[~asked.on_surface] = answer(volume.in_air(), asked.place[~asked.on_surface], asked.normal[~asked.on_surface])
     return found
 
 
-def _line_of_sight(scene, support, light, asked: Queries) -> np.ndarray:
+def line_of_sight_of(scene, support, light, asked: Queries) -> np.ndarray:
     found = line_of_sight.query(scene, support, light, asked.place, asked.normal)
     air = ~asked.on_surface
     found[air] = line_of_sight.query(scene, support, light, asked.place[air], asked.normal[air], 0.0)

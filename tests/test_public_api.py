@@ -90,7 +90,7 @@ def test_no_submodule_takes_the_place_of_a_function(tmp_path):
         ({"size": 64}, "--size is an option of the field 'lightmap', not of 'factored'; add --field lightmap"),
         (
             {"field": "lightmap", "spacing": "1m"},
-            "--spacing is an option of the field 'probes' or 'factored+probes', not of 'lightmap'",
+            "--spacing is an option of the field 'probes' or 'volume' or 'factored+probes', not of 'lightmap'",
         ),
         ({"field": "probes", "spacing": "far"}, "--spacing 'far' is not a length"),
         ({"field": "lightmap", "sise": 64}, "no option --sise of the field 'lightmap'; did you mean size"),

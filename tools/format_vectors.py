@@ -26,6 +26,12 @@ from lightwell.graph.ops.hashgrid import levels
 from lightwell.graph.ops.tree import random_tree
 from lightwell.graph.quantise import quantise
 from lightwell.graph.serial import graph_to_json, schema
+from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.split.cut import Cuts
+from lightwell.probes.split.fit import rounded
+from lightwell.probes.split.grid import SplitGrid
+from lightwell.probes.split.lower import lower
+from lightwell.probes.split.volume import FeatureVolume
 
 FORMAT = Path(__file__).parents[1] / "format"
 FOLDER = FORMAT / "vectors"
@@ -190,13 +196,38 @@ def _lamps(rng: np.random.Generator) -> Vectors:
     return {"network_lamps": (graph, scene)}
 
 
+def _volume(rng: np.random.Generator) -> Vectors:
+    """A feature volume of twelve cells: five have a plane, one has no air."""
+    lattice = ProbeLattice(np.full(3, -1.0), 0.7, (4, 3, 3))
+    row = np.full(lattice.cell_count, -1, np.int32)
+    row[[0, 2, 5, 6, 9]] = np.arange(5)
+    normal = rng.normal(size=(5, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    planes = np.column_stack([normal, -(normal * rng.uniform(0.3, 0.7, (5, 3))).sum(axis=1)])
+    sides = np.where(np.arange(lattice.cell_count) == 7, 0, 1 + (row >= 0))
+    first = np.where(sides > 0, np.cumsum(sides) - sides, -1).astype(np.int32)
+    nodes = rng.integers(0, 30, (sides.sum(), 8)).astype(np.int32)
+    grid = SplitGrid(lattice, Cuts(row, planes), first, nodes, np.zeros((0, 3), np.int32))
+    features, decoder = rng.normal(0.5, 0.3, (30, 5)), rng.normal(0, 0.3, (27, 5))
+    decoder[:3] += 1
+    graph = lower(FeatureVolume(grid, rounded(features), decoder.astype(np.float16).astype(np.float32)))
+    scene = _scene(rng)
+    # Evaluators may round a place that lies in a plane, or in a face of a cell, to either side.
+    at, f = lattice.locate(scene["position"] + 0.14 * scene["normal"])
+    plane = planes[row[lattice.cell_number(at)]]
+    far = np.abs((f * plane[:, :3]).sum(axis=1) + plane[:, 3]) > 1e-3
+    far &= (np.abs(f - 0.5) < 0.499).all(axis=1) | ~((f > 0) & (f < 1)).all(axis=1)
+    chosen = np.resize(np.flatnonzero(far), len(far))
+    return {"network_volume": (graph, {name: values[chosen] for name, values in scene.items() if len(values) > 1})}
+
+
 def cases() -> Vectors:
     """Make every test vector; inputs are float32."""
     found: Vectors = {}
     for op in OPS.values():
         found |= _examples(op)
     # These seeds keep the vectors that there are as they are.
-    for number, maker in ((4, _networks), (6, _lamps), (7, _stored_types)):
+    for number, maker in ((4, _networks), (6, _lamps), (7, _stored_types), (8, _volume)):
         found |= maker(np.random.default_rng((SEED, number)))
     return {
         name: (graph, {k: v.astype(np.float32) for k, v in inputs.items()}) for name, (graph, inputs) in found.items()

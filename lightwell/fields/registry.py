@@ -31,6 +31,7 @@ BUILT_IN = {
     "balanced": "lightwell.fields.surface.balanced",
     "transfer": "lightwell.fields.surface.transfer",
     "probes": "lightwell.fields.probes.field",
+    "volume": "lightwell.fields.volume.field",
     "lightmap": "lightwell.fields.lightmap.field",
     "factored+probes": "lightwell.fields.field_and_probes.field",
 }
@@ -40,6 +41,7 @@ OPTIONS = {
     "factored": ("lightwell.fields.surface.options", "SurfaceOptions"),
     "mlp": ("lightwell.fields.surface.options", "SurfaceOptions"),
     "probes": ("lightwell.fields.probes.options", "ProbesOptions"),
+    "volume": ("lightwell.fields.volume.options", "VolumeOptions"),
     "lightmap": ("lightwell.fields.lightmap.options", "LightmapOptions"),
     "factored+probes": ("lightwell.fields.field_and_probes.options", "FieldAndProbesOptions"),
 }
@@ -68,6 +70,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
         "bare-mlp",
         "fine",
     ),
+    "volume": ("default", "draft", "fine"),
     "lightmap": (
         "default",
         "report",
@@ -88,6 +91,7 @@ QUALITY_PRESETS = {
     "mlp": {"draft": "small", "best": "large"},
     "balanced": {"best": "large"},
     "probes": {"draft": "draft", "best": "fine"},
+    "volume": {"draft": "draft", "best": "fine"},
     "lightmap": {"draft": "draft", "best": "best"},
     "factored+probes": {"draft": "draft", "best": "best"},
 }

@@ -12,12 +12,31 @@ from lightwell.probes import ddgi, line_of_sight, sh
 from lightwell.probes.assemble import plain
 from lightwell.probes.bake import Geometry
 from lightwell.probes.metrics import score
+from lightwell.probes.support import Support
 from lightwell.probes.trace import air_light
 from lightwell.probes.volume import query
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
 PLACES, PATHS = 600, 128
+
+
+def held_out(support: Support, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Choose places in air that no fit has samples at: those take the first valid points of a cell.
+
+    Args:
+        support: Points in air.
+        seed: Seed of places and normals.
+
+    Returns:
+        [N, 3] places, metres, and [N, 3] unit normals; none where the scene has no air.
+    """
+    rng = np.random.default_rng((seed, 99))
+    cells, points = np.nonzero(support.valid)
+    late = np.flatnonzero(points >= support.valid.shape[1] // 2)
+    chosen = rng.choice(late, min(PLACES, len(late)), replace=False)
+    x = support.points(support.covered[cells[chosen]])[np.arange(len(chosen)), points[chosen]]
+    return x, sh.directions(len(x))[rng.permutation(len(x))]
 
 
 def compare(
@@ -47,15 +66,9 @@ def compare(
     """
     support, count = geometry.support, len(geometry.volume.lattice)
     start = start[:count] * support.stands[:, None, None]
-    rng = np.random.default_rng((seed, 99))
-    cells, points = np.nonzero(support.valid)
-    # The solve takes the first valid points of a cell.
-    late = np.flatnonzero(points >= support.valid.shape[1] // 2)
-    chosen = rng.choice(late, min(PLACES, len(late)), replace=False)
-    if not len(chosen):
+    x, n = held_out(support, seed)
+    if not len(x):
         return {}
-    x = support.points(support.covered[cells[chosen]])[np.arange(len(chosen)), points[chosen]]
-    n = sh.directions(len(x))[rng.permutation(len(x))]
     truth = air_light(scene, x, PATHS, seed + 977, variable=variable, light=place).sh
     truth = np.maximum(sh.evaluate(truth, n), 0)
     ask = lambda volume: query(volume.in_air(), x, n)[0]  # noqa: E731

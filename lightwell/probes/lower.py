@@ -60,13 +60,25 @@ def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = Non
     delta = b.scale(b.clamp(b.affine(z, [-1.0], [1.0]), 0.0, 1.0), FALLBACK)
     total = b.add(total, b.multiply(delta, fallback))
     mean = b.multiply(b.reciprocal(b.add(z, delta), 1e-9), total)
-    if code:
-        mean = code.mixed(b, mean)
-    y = b.sh("normal", 3)
-    even = b.multiply(b.slice(mean, 0, 3), b.slice(y, 0, 1))
-    e = b.add(even, b.matvec(b.slice(mean, 3, 24), b.slice(y, 1, 8), 3))
-    radiance = b.scale(b.clamp(e, 0.0, BRIGHTEST), float(unit / np.pi))
+    radiance = shaded(b, code.mixed(b, mean) if code else mean, unit)
     return b.build(radiance=radiance, trust=b.scale(z, 1.0))
+
+
+def shaded(b: Builder, light: str, unit: float) -> str:
+    """Add the radiance of a Lambertian surface, divided by its reflectance, to a graph.
+
+    Args:
+        b: Graph under construction with the input ``normal`` [3].
+        light: Name of the node with the irradiance harmonics [27]: band 0 of three colours, then eight of each.
+        unit: Irradiance of 1 in the light.
+
+    Returns:
+        Name of the node with E / π.
+    """
+    y = b.sh("normal", 3)
+    even = b.multiply(b.slice(light, 0, 3), b.slice(y, 0, 1))
+    e = b.add(even, b.matvec(b.slice(light, 3, 24), b.slice(y, 1, 8), 3))
+    return b.scale(b.clamp(e, 0.0, BRIGHTEST), float(unit / np.pi))
 
 
 def _with_bricks(

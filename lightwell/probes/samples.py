@@ -106,6 +106,35 @@ def rows(
         The samples, and [I] numbers of their random streams.
     """
     at, number, cell, own = places(geometry, sampling, box, first)
+    light, noise = sample_light(scene, at, number, own, sampling, seed, variable, lights)
+    return SolveRows(at, np.zeros_like(at), light, cell, noise), number
+
+
+def sample_light(
+    scene: Scene,
+    at: np.ndarray,
+    number: np.ndarray,
+    own: np.ndarray,
+    sampling: ProbeSampling,
+    seed: int,
+    variable: Variable | None = None,
+    lights: Lights = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Path trace the light at points in air, with more paths in noisy cells.
+
+    Args:
+        scene: The scene.
+        at: [I, 3] points, metres.
+        number: [I] numbers of their random streams.
+        own: [I] cell of each point, for which the number of paths is chosen.
+        sampling: Numbers of paths.
+        seed: Seed of the paths.
+        variable: Declared light; None for the scene's own emitters.
+        lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
+
+    Returns:
+        [I, 9, 3] float32 irradiance harmonics, or [S, I, 9, 3] of S states, and [I] relative error that noise causes.
+    """
     halves = _halves(scene, at, number, sampling.paths, seed, sampling.direct, variable, lights)
     times = path_factors(_noise(halves), own, sampling.most)
     for k in np.unique(times[times > 1]):
@@ -114,7 +143,7 @@ def rows(
         more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, sampling.direct, variable, lights)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
     light = halves.mean(axis=0).astype(np.float32)
-    return SolveRows(at, np.zeros_like(at), light[0] if lights is None else light, cell, _noise(halves)), number
+    return light[0] if lights is None else light, _noise(halves)
 
 
 def joined(a: SolveRows, b: SolveRows) -> SolveRows:

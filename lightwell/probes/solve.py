@@ -158,7 +158,7 @@ def _reweighted(
     columns: csc_matrix, right: np.ndarray, prior: np.ndarray, fixed: np.ndarray, goal: np.ndarray, passes: int
 ) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Iteratively reweighted solves for [P', 27 S] light: best pass, its residuals [I], errors of all passes."""
-    states, measure, ties = len(goal), _Measure(goal.mean(axis=0)), _ties(columns)
+    states, measure, ties = len(goal), Measure(goal.mean(axis=0)), _ties(columns)
     mean_of = lambda x: x.reshape(len(x), states, 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
     predict = lambda x: columns @ mean_of(x) + mean_of(fixed)  # noqa: E731
     # Start at the traced light: a first pass without weights would move away from a good solution.
@@ -186,10 +186,10 @@ def relative_error(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Returns:
         [I] errors in [0, 1].
     """
-    return _Measure(a, 0.0).residual(b.reshape(len(b), 27))
+    return Measure(a, 0.0).residual(b.reshape(len(b), 27))
 
 
-class _Measure:
+class Measure:
     """Measures the error of rows in a few directions."""
 
     def __init__(self, light: np.ndarray, epsilon: float = EPSILON) -> None:

@@ -28,7 +28,7 @@ MISTAKES = {
     "bake cornell -o x --field probes+factored": "the one pair is --field factored+probes",
     "bake cornell -o x --field factored+lightmap": "the one pair is --field factored+probes",
     "bake cornell -o x --field factored+probes --preset tiny": "has no preset 'tiny'; choose one of",
-    "bake cornell -o x --field factored --spacing 1m": "is an option of the field 'probes' or 'factored+probes'",
+    "bake cornell -o x --field factored --spacing 1m": "is an option of the field 'probes' or 'volume' or",
     "bake cornell -o x --preset larg": "no preset 'larg'; did you mean 'large'?",
     "bake cornell -o x --preset reprot-20": "no preset 'reprot-20'; did you mean 'report-20'?",
     "bake cornell -o x --field mlp --preset larg": "field 'mlp' has no preset 'larg'; did you mean 'large'?",

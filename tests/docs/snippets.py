@@ -40,7 +40,11 @@ SMALL: dict[str, list[str]] = {
     "samples": ["--samples", "256", "--paths", "2"],
 }
 # Options of fields whose defaults take minutes; those that a command gives itself stay.
-SMALL_FIELDS = {"probes": {"--preset": "draft", "--spacing": "1m"}, "lightmap": {"--size": "128"}}
+SMALL_FIELDS = {
+    "probes": {"--preset": "draft", "--spacing": "1m"},
+    "volume": {"--preset": "draft", "--spacing": "1m"},
+    "lightmap": {"--size": "128"},
+}
 # Options that are lowered where a command has them.
 SMALLER = {"--frames": "2", "--size": "64", "--largest": "4", "--cluster": "local:1"}
 # An error budget that the first round meets; others go on for twenty.

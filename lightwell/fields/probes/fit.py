@@ -10,25 +10,22 @@ Notation: P nodes, S states, K bases, N samples.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
 from lightwell.core.store import Store
-from lightwell.fields.base import FieldSetup, Progress
+from lightwell.fields.base import FieldSetup
 from lightwell.fields.probes.baked import BakedProbes, mixed, singular_mix
+from lightwell.fields.probes.mixing import MixedFit
 from lightwell.fields.protocol import ExtraFile, Shown
-from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.graph import Graph
-from lightwell.networks import Mlp, Trainer, TrainingSet, TrainingSettings
+from lightwell.networks import TrainingSettings
 from lightwell.probes import ddgi, sh
 from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
-from lightwell.probes.code import WeightCode
 from lightwell.probes.generator import fit_with
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.samples import ProbeSampling
@@ -36,12 +33,10 @@ from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.probes.weights import Fit
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene_cache import Derived
-from lightwell.transport.samples import Query, Samples
+from lightwell.transport.samples import Query
 
 # Probes along the longest edge where no spacing is asked for.
 ALONG = 8
-# Samples that the light's network is trained on at most.
-MOST_SAMPLES = 1 << 18
 # Rows whose harmonics are evaluated together.
 CHUNK = 1 << 14
 # Tracing settings for each light state, and for a fixed light; training settings of the light's network.
@@ -101,61 +96,8 @@ PRESETS: dict[str, ProbesPreset] = {
 }
 
 
-@dataclass(frozen=True)
-class CodeNetwork:
-    """Mixes K bases by the position of the light. A row is (features of the light [F], light per basis [3 K])."""
-
-    mlp: Mlp
-
-    @property
-    def rank(self) -> int:
-        """K."""
-        return self.mlp.sizes[-1]
-
-    def initial(self, seed: int, bias: float = 0.0) -> dict[str, np.ndarray]:
-        """Make initial parameters.
-
-        Args:
-            seed: Seed of the weights.
-            bias: Bias of the last layer.
-
-        Returns:
-            Arrays by name.
-        """
-        return self.mlp.initial(seed, bias)
-
-    def __call__(self, parameters: Any, x: Any) -> Any:
-        """[B, F + 3 K] → [B, 3]."""
-        features = self.mlp.sizes[0]
-        code = self.mlp(parameters, x[:, :features])
-        k = self.rank
-        # The code three times over; then the sum of each colour. Made on the device: a frozen step cannot upload.
-        mixed = x[:, features:] * dr.matmul(code, _ones_where(k, 3 * k, lambda row, column: column % k == row))
-        return dr.matmul(mixed, _ones_where(3 * k, 3, lambda row, column: row // k == column))
-
-    def evaluate(self, parameters: Any, x: np.ndarray) -> np.ndarray:
-        """Evaluate the network with NumPy.
-
-        Args:
-            parameters: Arrays by name.
-            x: [N, F + 3 K] rows.
-
-        Returns:
-            [N, 3] light in unit S, without reflectance.
-        """
-        features = self.mlp.sizes[0]
-        code = self.mlp.evaluate(parameters, x[:, :features])
-        return np.einsum("nck,nk->nc", x[:, features:].reshape(len(x), 3, -1), code)
-
-
-def _ones_where(rows: int, columns: int, condition: Callable[[Any, Any], Any]) -> Any:
-    """[rows, columns] tensor of ones where a condition on (row, column) holds."""
-    index = dr.arange(mi.UInt32, rows * columns)
-    return mi.TensorXf(dr.select(condition(index // columns, index % columns), mi.Float(1), 0), (rows, columns))
-
-
 @dataclass
-class ProbesFit(NetworkFit):
+class ProbesFit(MixedFit):
     """See ``lightwell.fields.base.Learner``."""
 
     preset: ProbesPreset
@@ -166,12 +108,9 @@ class ProbesFit(NetworkFit):
     """Of the preset."""
 
     def __post_init__(self) -> None:
-        self._code = WeightCode(tuple(self.setup.center), float(self.setup.half_extent), [])
-        self._static = self.setup.light == "static"
         self._lit, self._mix, baselines = self.solved
         self._basis = mixed(self._lit.solution.light, self._mix)
-        sizes = (self._code.width, *self.preset.hidden, self._basis.shape[-1])
-        self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
+        self._start(self._basis.shape[-1])
         volume = self._lit.geometry.volume
         self.facts |= {
             "probes": int(volume.alive.sum()),
@@ -185,11 +124,6 @@ class ProbesFit(NetworkFit):
             "weight_seconds": self._lit.geometry.seconds,
             "baselines": baselines,
         }
-
-    @property
-    def macs(self) -> int:
-        """Multiply-accumulates per pixel."""
-        return self.lower().macs
 
     def _factors(self, query: Query) -> np.ndarray:
         """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
@@ -207,79 +141,10 @@ class ProbesFit(NetworkFit):
             out[part] = values.reshape(len(node), -1) / (np.pi * self.setup.unit)
         return out
 
-    def _rows(self, query: Query) -> np.ndarray:
-        light = np.zeros_like(query.position) if self._static else query.light
-        return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
-
-    def learn_from(self, samples: Samples) -> None:
-        """Set the training samples of the light's network; without a variable light they are not used.
-
-        Args:
-            samples: Path-traced samples.
-        """
-        if self._static:
-            return
-        order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))[:MOST_SAMPLES]
-        part = samples[order]
-        target = part.radiance / (self.setup.unit * part.query.reflectance)
-        self._data = TrainingSet.from_numpy(self._rows(part.query), target, np.asarray(part.weight))
-
-    def validate_on(self, samples: Samples) -> None:
-        """Set the held-out samples of early stopping, on which mean |f − y| / (y + 0.01) in unit S is measured.
-
-        Args:
-            samples: Path-traced samples.
-        """
-        self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
-
-    def _output(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
-        if self._static:
-            return np.maximum(inputs[:, self._code.width :], 0)
-        return np.maximum(super()._output(parameters, inputs), 0)
-
-    def train(
-        self, until: int, total: int, progress: Progress | None = None, checkpoint: Callable[[], None] | None = None
-    ) -> bool:
-        """Train the light's network; without a variable light only the error is measured.
-
-        Args:
-            until: Step to train to.
-            total: Steps of the schedule.
-            progress: Called with the state and ``total`` after each evaluation.
-            checkpoint: Called when a checkpoint is due.
-
-        Returns:
-            Whether early stopping ended the training.
-        """
-        if not self._static:
-            return super().train(until, total, progress, checkpoint)
-        state = self.state
-        if not state.history:
-            state.best_error = self._error({})
-            state.history.append((0, state.best_error, state.best_error))
-        state.step = until
-        return False
-
-    def predict(self, query: Query) -> np.ndarray:
-        """Predict radiance.
-
-        Args:
-            query: N queries.
-
-        Returns:
-            [N, 3] radiance, reflectance included.
-        """
-        return self._output(self._trainer.best, self._rows(query)) * self.setup.unit * query.reflectance
-
     @property
     def baked(self) -> BakedProbes:
         """The baked probes, with the best weights of the light's network so far."""
-        code = None
-        if not self._static:
-            best, layers = self._trainer.best, self._trainer.network.mlp.layers
-            weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
-            code = WeightCode(self._code.center, self._code.half, weights)
-        return BakedProbes(self._lit, self._mix, code, self.setup.unit, self.name, self.preset.coding)
+        return BakedProbes(self._lit, self._mix, self.code, self.setup.unit, self.name, self.preset.coding)
 
     def lower(self) -> Graph:
         """Return the shading graph.
