@@ -6,7 +6,7 @@ Notation: n texels along each edge, C channels.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
@@ -18,6 +18,8 @@ from lightwell.core.denoise import denoise, missing
 SMALLEST, AVERAGED = 4, 3.0
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
 SMALL, MIRRORED = 8, 16
+# Edge of the sheets that small charts share while they are denoised, texels.
+SHEET = 1024
 # Charts are continued by so many texels at least: about what the filter looks at.
 CONTINUED = 12
 
@@ -104,7 +106,7 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
     if missing():
         return image
     out = image.copy()
-    reach = max(reach, CONTINUED)
+    reach, small = max(reach, CONTINUED), []
     for rows, columns, own in _rectangles(chart, reach):
         size = min(np.ptp(found) + 1 for found in np.nonzero(own))
         if size < SMALLEST:
@@ -113,9 +115,44 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
         patch = mirrored(image[rows, columns], own, reach)
         more = MIRRORED if size < SMALL else 0
         patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
-        clean = denoise(patch, filter="RTLightmap")
-        out[rows, columns][own] = clean[more : clean.shape[0] - more, more : clean.shape[1] - more][own]
+        place = (rows, columns, own, more)
+        if max(patch.shape) > SHEET // 8:
+            _take(out, denoise(patch, filter="RTLightmap"), *place)
+        else:
+            small.append((patch, place))
+    for sheet in _sheets([patch.shape[:2] for patch, _ in small]):
+        canvas = np.zeros((max(y + small[k][0].shape[0] for k, y, _ in sheet), SHEET, 3), np.float32)
+        for k, y, x in sheet:
+            canvas[y : y + small[k][0].shape[0], x : x + small[k][0].shape[1]] = small[k][0]
+        clean = denoise(canvas, filter="RTLightmap")
+        for k, y, x in sheet:
+            patch, place = small[k]
+            _take(out, clean[y : y + patch.shape[0], x : x + patch.shape[1]], *place)
     return out
+
+
+def _take(out: np.ndarray, clean: np.ndarray, rows: slice, columns: slice, own: np.ndarray, more: int) -> None:
+    """Copy the texels of one chart from a clean patch with a margin."""
+    out[rows, columns][own] = clean[more : clean.shape[0] - more, more : clean.shape[1] - more][own]
+
+
+def _sheets(sizes: Sequence[tuple[int, int]]) -> Iterator[list[tuple[int, int, int]]]:
+    """Lay patches [(height, width)] out in rows of sheets; (number, y, x) of those of each sheet.
+
+    The denoiser takes longer to begin than to clean a chart of a few texels.
+    """
+    sheet: list[tuple[int, int, int]] = []
+    x = y = height = 0
+    for k in sorted(range(len(sizes)), key=lambda k: -sizes[k][0]):
+        if x + sizes[k][1] > SHEET:
+            x, y, height = 0, y + height, 0
+        if y + sizes[k][0] > SHEET:
+            yield sheet
+            sheet, x, y, height = [], 0, 0, 0
+        sheet.append((k, y, x))
+        x, height = x + sizes[k][1], max(height, sizes[k][0])
+    if sheet:
+        yield sheet
 
 
 def averaged(image: np.ndarray, covered: np.ndarray) -> np.ndarray:
