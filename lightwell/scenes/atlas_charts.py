@@ -35,8 +35,9 @@ CUT_EDGE = 900.0
 TWICE = 5e-4
 # Charts that would cover less than this share of the square do not fit: xatlas drops charts that become too small.
 LEAST_COVERAGE = 0.03
-# Charts of fewer texels share one small triangle with those of the same mesh, side and direction: its edge in texels.
-TINY, SHARED_EDGE = 4.0, 2.0
+# Charts of fewer texels share one small triangle with those of the same mesh, side, direction and cell: its edge in
+# texels, and the cells along each axis of the mesh.
+TINY, SHARED_EDGE, SHARED_CELLS = 4.0, 2.0, 4
 # Texels per metre of hardly visible sides, relative to the others.
 FAINT = 0.25
 # Hidden triangles refer to the texel in this corner, which no chart uses.
@@ -275,7 +276,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _merged(
     pieces: Sequence[Piece], flat: Sequence[tuple[np.ndarray, np.ndarray]], scale: float
 ) -> tuple[list[Piece], list[Laid]]:
-    """Replace tiny charts by one small triangle for each direction; returns pieces and (points, corners, charts)."""
+    """Let tiny charts share one small triangle for each direction and cell; returns pieces and what is laid out."""
     made, laid = [], []
     for piece, (points, corners) in zip(pieces, flat):
         chart = components(corners.astype(np.int64), len(points))
@@ -300,11 +301,14 @@ def _merged(
 
 
 def _direction(piece: Piece) -> np.ndarray:
-    """Find [K] the one of the six axis directions that is nearest to each triangle's normal."""
+    """Number [K] the cell that each triangle lies in and the axis direction that is nearest to its normal."""
     a, b, c = (piece.positions[piece.indices[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     axis = np.abs(normal).argmax(axis=1)
-    return 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
+    low, high = piece.positions.min(axis=0), piece.positions.max(axis=0)
+    cell = (SHARED_CELLS * ((a + b + c) / 3 - low) / np.maximum(high - low, 1e-30)).astype(np.int64)
+    x, y, z = np.clip(cell, 0, SHARED_CELLS - 1).T
+    return 6 * (SHARED_CELLS * (SHARED_CELLS * x + y) + z) + 2 * axis + (normal[np.arange(len(normal)), axis] < 0)
 
 
 def _scaled(

@@ -48,7 +48,7 @@ TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
 # Bounds of the number of samples of radiance towards views.
-FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 20
+FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 19
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
 POINTS_PER_LIGHT = 128
 # Seconds of a training step of 2^14 rows on two cores, and the fewest steps.
