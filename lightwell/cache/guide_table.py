@@ -54,8 +54,6 @@ class GuideTable:
         """Frames added since the scene changed."""
         self.made: Guide | None = None
         """Table for kernels as it was last built; None: it must be rebuilt."""
-        self.stale = False
-        """Whether records were added since then."""
         self._levels = np.zeros(0)
 
     @property
@@ -123,13 +121,7 @@ class GuideTable:
         self.bins = KEPT * self.bins + np.bincount(bins, y, R * BINS).reshape(R, BINS)
         self.sums[:, 1] += total(y)
         self.sums[:, 2] += total(y * y)
-        self.stale = True
         if self._due():
-            self.made = None
-
-    def settle(self) -> None:
-        """Have the table rebuilt if there are records that it does not hold; to be called when training ends."""
-        if self.stale:
             self.made = None
 
     def _due(self) -> bool:
@@ -164,7 +156,7 @@ class GuideTable:
             The table on the device.
         """
         if self.made is None:
-            self.made, self.stale = on_device(*self.table(), self.opaque_cells, self.opaque_share), False
+            self.made = on_device(*self.table(), self.opaque_cells, self.opaque_share)
         return self.made
 
     def _boxes(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:

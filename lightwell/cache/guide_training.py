@@ -79,7 +79,7 @@ class GuideTraining:
     def settle(self) -> None:
         """Let the guide hold all records; to be called when training ends."""
         if self.table is not None:
-            self.table.settle()
+            self.table.made = None
 
     def forget(self) -> None:
         """Reduce the weight of the training data after a change of the scene."""

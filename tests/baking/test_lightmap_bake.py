@@ -215,7 +215,7 @@ def test_a_fitted_siren_becomes_a_shadertoy(sampled, tmp_path):
 
 # Each form of a preset with a network is trained for a trial.
 @pytest.mark.parametrize(
-    ("preset", "most"), [("directional", 2000), pytest.param("default", 4800, marks=pytest.mark.slow)]
+    ("preset", "most"), [("directional", 1900), pytest.param("default", 4800, marks=pytest.mark.slow)]
 )
 def test_max_bytes_are_kept(sampled, tmp_path, preset, most):
     def size(folder: str, **options) -> int:
