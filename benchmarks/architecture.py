@@ -3,8 +3,8 @@
 python benchmarks/architecture.py            every figure; writes results/architecture.json
 python benchmarks/architecture.py --quick    prints them without the timings; writes nothing
 python benchmarks/architecture.py --list     also names every place that counts against a figure
-python benchmarks/architecture.py --test-log F --test-all-log F
-                                             rows of what `make test` and `make test-all` printed, nothing else
+python benchmarks/architecture.py --test-log F --test-all-log F --test-web-log F
+                                             rows of what these commands of make printed, nothing else
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rows import Row, at_most, publish, without_bar
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, WEB = ROOT / "lightwell", ROOT / "web"
 # Bars of the issue "One bake pipeline, a public Python API, plain language".
-TEST_SECONDS, TEST_ALL_SECONDS = 600, 3600
+TEST_SECONDS, TEST_ALL_SECONDS, TEST_WEB_SECONDS = 600, 3600, 240
 MOST_LINES, MOST_LONG_FUNCTIONS, LONG_FUNCTION, LONG_FILE = 27_300, 10, 40, 400
 LONG_CLASS, MOST_MEMBERS = 250, 15
 # Options of pydoclint: Google style, types stand in the signature, private functions are free.
@@ -387,10 +387,12 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="name every place")
     parser.add_argument("--test-log", type=Path, help="output of make test, run on a quiet machine")
     parser.add_argument("--test-all-log", type=Path, help="output of make test-all")
+    parser.add_argument("--test-web-log", type=Path, help="output of make test-web, run on a quiet machine")
     arguments = parser.parse_args()
     logs = (
         ("make test", TEST_SECONDS, arguments.test_log),
         ("make test-all", TEST_ALL_SECONDS, arguments.test_all_log),
+        ("make test-web", TEST_WEB_SECONDS, arguments.test_web_log),
     )
     if given := [row for what, bar, log in logs if log for row in test_rows(what, bar, log)]:
         publish("architecture", given, arguments.quick)
