@@ -1,11 +1,13 @@
 /** The three.js renderer, and what its shader compiler says. */
 
 import { PCFShadowMap, WebGLRenderer } from "three";
+import { clearBehindGlass } from "lightwell";
 
 /** A renderer with shadow maps; what is not covered stays transparent. */
 export function createRenderer(canvas: HTMLCanvasElement): WebGLRenderer {
   const renderer = new WebGLRenderer({ canvas, antialias: false, powerPreference: "high-performance" });
   renderer.setClearColor(0, 0);
+  clearBehindGlass(renderer);
   renderer.shadowMap.enabled = true;
   renderer.shadowMap.type = PCFShadowMap;
   return renderer;

@@ -1,6 +1,7 @@
 /** One renderer for all elements of a page: browsers allow few graphics contexts. */
 
 import { PCFShadowMap, type PerspectiveCamera, type Scene, type ToneMapping, WebGLRenderer } from "three";
+import { clearBehindGlass } from "../behind-glass.ts";
 import type { LearnedScene } from "../learned-scene.ts";
 
 /** What one picture needs. */
@@ -26,6 +27,7 @@ export class SharedRenderer {
 
   private constructor() {
     this.renderer = new WebGLRenderer({ canvas: document.createElement("canvas"), antialias: true, alpha: true });
+    clearBehindGlass(this.renderer);
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = PCFShadowMap;
     const canvas = this.renderer.domElement;
