@@ -1,5 +1,7 @@
 """Which sides a light map stores and how many texels they get: a room under a dome a hundred times as large."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,17 @@ def test_sides_that_continue_a_lit_one_are_lit(scene):
     lit[1, start] = True
     grown = flat_neighbours(scene, lit)
     assert grown[1].sum() == 2 * 16 and not grown[0].any()
+
+
+def test_a_closed_dark_room_does_not_read_the_light_outside():
+    """Nobody sees its inside from free air, but a camera may stand there."""
+    closed = replace(box("room", (-3, 0, -3), (3, 2.5, 3), inwards=True), name="closed")
+    lid = np.float32([[-3, 2.5, -3], [-3, 2.5, 3], [3, 2.5, 3], [3, 2.5, -3]])
+    meshes = [closed, Mesh("lid", lid, np.uint32([[0, 2, 1], [0, 3, 2]]), 0)]
+    meshes += [box("ground", (-20, -0.2, -20), (20, -0.1, 20), inwards=False, grid=8)]
+    meshes += [box("post", (15, -0.1, 15), (15.5, 10, 15.5), inwards=False)]
+    scene = under_sky(assemble("closed", meshes, [Material("grey", (0.6, 0.6, 0.6, 1), metallic=0.0)]))
+    sides = lit_sides(scene, 0)
+    room = tables(scene).mesh_of == 0
+    assert not sides.lit[0, room].any() and sides.dark[0, room].all()
+    assert sides.lit[1, room].any()

@@ -43,6 +43,8 @@ def seen_density(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
     pixels = np.maximum(pixels_of_meshes(scene, sample_cameras(scene, declare((), scene), VIEWS, seed, True)), UNSEEN)
     stored = area > 0
     density = np.ones(len(area), np.float32)
+    if not stored.any():
+        return density
     share = pixels[stored] / pixels[stored].sum() / (area[stored] / area[stored].sum())
     square = share**SEEN
     square /= np.average(square, weights=area[stored])

@@ -5,7 +5,7 @@ K sides, M meshes, T triangles.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +35,8 @@ OPEN = 0.005
 DARK, DARK_PATHS = 1e-4, (8, 64, 512)
 # Paths of one round of this search at most, whatever the number of points: sides inside solids find none, ever.
 ROUND_PATHS = 1 << 24
+# Space of this share of the core's extent before a side may be a room; where the ray that tests it begins.
+ROOMY, LIFTED = 0.05, 1e-4
 # Least cosine between the normals of triangles of a flat part.
 FLAT = 0.9
 # Points of this search over the whole scene; each side gets two at least.
@@ -92,12 +94,40 @@ def lit_sides(scene: Scene, seed: int) -> TriangleSides:
     """
     seen = sides_in_sight(scene, seed)
     glass = tables(scene).clear[tables(scene).mesh_of]
-    side, triangle = np.nonzero(seen & ~glass)
+    lit, least = _bright(scene, seen & ~glass, DARK_PATHS, 0.0, seed)
+    # Sides that nobody sees and no light reaches are dark too: the inside of a closed room must not read its outside.
+    hidden = _before_rooms(scene, ~seen & ~glass & (tables(scene).area > 0))
+    reached, _ = _bright(scene, hidden, DARK_PATHS[:2], least, seed + len(DARK_PATHS))
+    lit = flat_neighbours(scene, lit) & seen & ~glass
+    dark = (seen & ~lit) | (hidden & ~flat_neighbours(scene, reached))
+    return TriangleSides(lit, dark, faint_sides(scene, lit, seed), seen_density(scene, lit, seed))
+
+
+def _before_rooms(scene: Scene, sides: np.ndarray) -> np.ndarray:
+    """Those of the sides [2, T] that face space as wide as a room; the insides of walls and boxes do not."""
+    side, triangle = np.nonzero(sides)
+    found = np.zeros_like(sides)
+    if len(side):
+        middle = np.full((len(side), 2), 1 / 3, np.float32)
+        position, _, flat = frames(scene, side_points(scene, triangle, side, middle))
+        outwards = flat * np.where(side == 0, 1, -1)[:, None]
+        start = position + LIFTED * scene.core_extent * outwards
+        ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
+        ray.maxt = mi.Float(ROOMY * scene.core_extent)
+        found[side, triangle] = ~np.array(scene.mi.ray_test(ray), bool)
+    return found
+
+
+def _bright(
+    scene: Scene, sides: np.ndarray, rounds: Sequence[int], least: float, seed: int
+) -> tuple[np.ndarray, float]:
+    """Find those of the sides [2, T] that receive light, and the light above which a side counts as lit."""
+    side, triangle = np.nonzero(sides)
     area = tables(scene).area[triangle]
-    brightest, least = np.zeros(len(side)), 0.0
-    for k, paths in enumerate(DARK_PATHS):
+    brightest, floor = np.zeros(len(side)), least
+    for k, paths in enumerate(rounds):
         # A few paths find the light of most sides; the others are traced again with more paths.
-        rows = np.flatnonzero(brightest <= least)
+        rows = np.flatnonzero(brightest <= floor)
         if not len(rows):
             break
         points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
@@ -106,12 +136,10 @@ def lit_sides(scene: Scene, seed: int) -> TriangleSides:
         paths = max(min(paths, ROUND_PATHS // len(points) // 2 * 2), DARK_PATHS[0])
         found = irradiance(scene, points, paths, seed + k, recipe).mean.mean(axis=1)
         np.maximum.at(brightest, rows[row], np.nan_to_num(found))
-        least = DARK * np.average(brightest, weights=area)
-    bright = brightest > least
-    lit = np.zeros_like(seen)
-    lit[side[bright], triangle[bright]] = True
-    lit = flat_neighbours(scene, lit) & seen & ~glass
-    return TriangleSides(lit, seen & ~lit, faint_sides(scene, lit, seed), seen_density(scene, lit, seed))
+        floor = least or DARK * np.average(brightest, weights=area)
+    lit = np.zeros_like(sides)
+    lit[side, triangle] = brightest > floor
+    return lit, floor
 
 
 def flat_neighbours(scene: Scene, lit: np.ndarray) -> np.ndarray:
