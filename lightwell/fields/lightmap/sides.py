@@ -36,7 +36,7 @@ DARK, DARK_PATHS = 1e-4, (8, 64, 512)
 # Paths of one round of this search at most, whatever the number of points: sides inside solids find none, ever.
 ROUND_PATHS = 1 << 24
 # Space of this share of the core's extent before a side may be a room; where the ray that tests it begins.
-ROOMY, LIFTED = 0.05, 1e-4
+ROOMY, LIFTED = 0.02, 1e-4
 # Least cosine between the normals of triangles of a flat part.
 FLAT = 0.9
 # Points of this search over the whole scene; each side gets two at least.
