@@ -117,7 +117,7 @@ async function shown(html: string, ready: () => unknown, query = "", on = tab): 
     expect(said(on)).toEqual([]);
     throw error;
   });
-  const picture = await on.page.screenshot();
+  const picture = await on.page.screenshot({ animations: "disabled" });
   expect(said(on)).toEqual([]);
   return picture;
 }
@@ -152,7 +152,7 @@ async function expectDrawn(code: string, reference = room): Promise<void> {
 /** Wait for a page, of which nothing says when it is ready, to show a picture. */
 async function expectSoon(html: string, reference: Buffer): Promise<void> {
   await shown(html, () => document.querySelector("canvas"));
-  await expect.poll(async () => expectSame(await tab.page.screenshot(), reference), { timeout: 20_000, interval: 300 }).toBe(undefined);
+  await expect.poll(async () => expectSame(await tab.page.screenshot({ animations: "disabled" }), reference), { timeout: 20_000, interval: 300 }).toBe(undefined);
   expect(said(tab)).toEqual([]);
 }
 
@@ -318,7 +318,7 @@ it("the page in a frame, and what is sent to it", async () => {
     new Function("frame", text)(document.querySelector("iframe"));
     await answered;
   }, MESSAGE);
-  const picture = await coarse.page.screenshot();
+  const picture = await coarse.page.screenshot({ animations: "disabled" });
   await expectSame(picture, split);
   await expect(expectSame(picture, learned)).rejects.toThrow();
   expect(coarse.errors).toEqual([]);
