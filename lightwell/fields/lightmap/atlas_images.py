@@ -18,8 +18,8 @@ from lightwell.core.denoise import denoise, missing
 SMALLEST, AVERAGED = 4, 3.0
 # Charts of fewer texels than SMALL along an edge are denoised with so many texels of their mirror image around them.
 SMALL, MIRRORED = 8, 16
-# Edge of the sheets that small charts share while they are denoised, texels.
-SHEET = 1024
+# Edge of the sheets that small charts share while they are denoised, and of the largest patch on them, texels.
+SHEET, ON_SHEET = 1024, 128
 # Charts are continued by so many texels at least: about what the filter looks at.
 CONTINUED = 12
 
@@ -116,7 +116,7 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
         more = MIRRORED if size < SMALL else 0
         patch = np.pad(patch, ((more, more), (more, more), (0, 0)), mode="symmetric")
         place = (rows, columns, own, more)
-        if max(patch.shape) > SHEET // 8:
+        if max(patch.shape) > ON_SHEET:
             _take(out, denoise(patch, filter="RTLightmap"), *place)
         else:
             small.append((patch, place))
