@@ -93,7 +93,7 @@ STAGES = (
     ),
     Stage(
         "tests",
-        300,
+        200,
         (
             Figure("failed", "GPU: failed tests of pytest -m gpu", "tests", most=0),
             Figure("passed", "GPU: passed tests of pytest -m gpu", "tests", least=1),
@@ -118,7 +118,7 @@ STAGES = (
     ),
     Stage(
         "bake",
-        240,
+        340,
         (
             Figure("demo", "GPU: lightwell demo to the written page, report included", "s", most=180),
             Figure("demo-error", "GPU: relative error of the demo", "of 1"),

@@ -1,4 +1,4 @@
-"""A full-screen pass over a G-buffer through wgpu: what one frame of a deferred renderer asks of a field.
+"""A full-screen pass over a G-buffer through wgpu, as fragments or as a compute shader: what a frame asks of a field.
 
 The G-buffer holds what real ones hold: position and roughness in 32-bit floats, normal and metallic in half floats,
 reflectance in 8 bits. ``GBuffer.inputs`` are the same rounded numbers, for NumPy.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from statistics import median
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import wgpu
@@ -18,6 +18,9 @@ from wgsl import Program
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.transport import gbuffer, make_query
 
+# Where a pass runs. A renderer shades in either; of data-centre GPUs only a few cores run fragments.
+Stage = Literal["fragment", "compute"]
+VISIBLE = wgpu.ShaderStage.FRAGMENT | wgpu.ShaderStage.COMPUTE
 # Bytes of a row of a texture that is copied to a buffer are a multiple of this (WebGPU).
 ROW_ALIGNMENT = 256
 # Warm-up before the clock counts, seconds: clocks of an idle GPU rise and pipelines settle.
@@ -38,11 +41,11 @@ struct Frame { eye: vec4f, light: vec4f }
 @group(0) @binding(2) var reflectance_map: texture_2d<f32>;
 @group(0) @binding(3) var<uniform> frame: Frame;
 """
-FRAGMENT = """
-@fragment fn shade(@builtin(position) at: vec4f) -> @location(0) vec4f {
-  let p = textureLoad(position_map, vec2i(at.xy), 0);
-  let n = textureLoad(normal_map, vec2i(at.xy), 0);
-  let a = textureLoad(reflectance_map, vec2i(at.xy), 0);
+SHADED = """
+fn shaded(pixel: vec2i) -> vec4f {
+  let p = textureLoad(position_map, pixel, 0);
+  let n = textureLoad(normal_map, pixel, 0);
+  let a = textureLoad(reflectance_map, pixel, 0);
   let position = p.xyz;
   let roughness = p.w;
   let normal = n.xyz;
@@ -53,6 +56,18 @@ FRAGMENT = """
   let shading_normal = normal;
   let uv1 = position.xz * UV_SCALE + 0.5;
   return vec4f(BODY, 1.0);
+}
+"""
+FRAGMENT = """
+@fragment fn shade(@builtin(position) at: vec4f) -> @location(0) vec4f { return shaded(vec2i(at.xy)); }
+"""
+# Pixels of a workgroup, across and down.
+TILE = (8, 8)
+COMPUTE = """
+@group(GROUP) @binding(0) var target_map: texture_storage_2d<FORMAT, write>;
+@compute @workgroup_size(TILE) fn shade(@builtin(global_invocation_id) at: vec3u) {
+  let pixel = vec2i(at.xy);
+  if (all(at.xy < textureDimensions(target_map))) { textureStore(target_map, pixel, shaded(pixel)); }
 }
 """
 # What every renderer does anyway: read the same G-buffer and put its texture on the screen, lit from the eye.
@@ -126,7 +141,7 @@ class Gpu:
         frame = np.concatenate([buffer.eye, [0], buffer.light, [0]]).astype(np.float32)
         uniform = self.device.create_buffer_with_data(data=frame.tobytes(), usage=wgpu.BufferUsage.UNIFORM)
         resources = [*views, {"buffer": uniform, "offset": 0, "size": frame.nbytes}]
-        stage = wgpu.ShaderStage.FRAGMENT
+        stage = VISIBLE
         texture = {"sample_type": "unfilterable-float"}
         kinds = [{"texture": texture}] * 3 + [{"buffer": {"type": "uniform"}}]
         entries = [{"binding": k, "visibility": stage, **kind} for k, kind in enumerate(kinds)]
@@ -143,31 +158,27 @@ class Gpu:
         self.device.queue.write_texture({"texture": texture}, pixels, layout, size)
         return texture
 
-    def prepare(self, program: Program | None) -> Pass:
+    def prepare(self, program: Program | None, stage: Stage) -> Pass:
         """The pass of a field, or of a plain texture for None."""
-        return Pass(self, program)
+        return Pass(self, program, stage)
 
 
 class Pass:
     """One full-screen pass, compiled for a target that is shown (half floats) and one that is compared (floats)."""
 
-    def __init__(self, gpu: Gpu, program: Program | None) -> None:
-        self.gpu = gpu
+    def __init__(self, gpu: Gpu, program: Program | None, stage: Stage) -> None:
+        self.gpu, self.stage = gpu, stage
         body = f"field({', '.join(program.parameters)}) * reflectance" if program else TEXTURED
-        code = (
-            VERTEX
-            + (program.code if program else "")
-            + FRAGMENT.replace("BODY", body).replace("UV_SCALE", f"{UV_SCALE}")
-        )
-        start = time.perf_counter()
-        self._module = gpu.device.create_shader_module(code=code)
-        self._groups, layouts = [gpu._group], [gpu._layout]
+        field = program.code if program else ""
+        shaded = SHADED.replace("BODY", body).replace("UV_SCALE", f"{UV_SCALE}")
+        self._code = VERTEX + field + shaded
+        self._groups, self._layouts = [gpu._group], [gpu._layout]
         bounds = [(b, kind) for b, kind in self._bounds(program) if b is not None]
         if bounds:
             layout, group = self._bind(bounds)
-            layouts.append(layout)
+            self._layouts.append(layout)
             self._groups.append(group)
-        self._layout = gpu.device.create_pipeline_layout(bind_group_layouts=layouts)
+        start = time.perf_counter()
         self._shown = self._pipeline("rgba16float")
         self.compile_seconds = time.perf_counter() - start
         self._target = self._make_target("rgba16float")
@@ -177,7 +188,7 @@ class Pass:
         return [(program.weights, "read-only-storage"), (program.frame, "uniform")] if program else []
 
     def _bind(self, bounds: list) -> tuple[Any, Any]:
-        device, stage = self.gpu.device, wgpu.ShaderStage.FRAGMENT
+        device, stage = self.gpu.device, VISIBLE
         usage = {"read-only-storage": wgpu.BufferUsage.STORAGE, "uniform": wgpu.BufferUsage.UNIFORM}
         kinds = [{"binding": b.binding, "visibility": stage, "buffer": {"type": kind}} for b, kind in bounds]
         layout = device.create_bind_group_layout(entries=kinds)
@@ -188,26 +199,54 @@ class Pass:
         return layout, device.create_bind_group(layout=layout, entries=entries)
 
     def _pipeline(self, format: str) -> Any:
-        return self.gpu.device.create_render_pipeline(
-            layout=self._layout,
-            vertex={"module": self._module, "entry_point": "corner"},
+        device, layouts = self.gpu.device, list(self._layouts)
+        if self.stage == "compute":
+            layouts.append(self._target_layout(format))
+            entry = (
+                COMPUTE.replace("GROUP", f"{len(self._groups)}")
+                .replace("FORMAT", format)
+                .replace("TILE", f"{TILE[0]}, {TILE[1]}")
+            )
+            module = device.create_shader_module(code=self._code + entry)
+            layout = device.create_pipeline_layout(bind_group_layouts=layouts)
+            return device.create_compute_pipeline(layout=layout, compute={"module": module, "entry_point": "shade"})
+        module = device.create_shader_module(code=self._code + FRAGMENT)
+        return device.create_render_pipeline(
+            layout=device.create_pipeline_layout(bind_group_layouts=layouts),
+            vertex={"module": module, "entry_point": "corner"},
             primitive={"topology": "triangle-list"},
-            fragment={"module": self._module, "entry_point": "shade", "targets": [{"format": format}]},
+            fragment={"module": module, "entry_point": "shade", "targets": [{"format": format}]},
         )
 
+    def _target_layout(self, format: str) -> Any:
+        storage = {"access": "write-only", "format": format}
+        entry = {"binding": 0, "visibility": wgpu.ShaderStage.COMPUTE, "storage_texture": storage}
+        return self.gpu.device.create_bind_group_layout(entries=[entry])
+
     def _make_target(self, format: str) -> Any:
-        usage = wgpu.TextureUsage.RENDER_ATTACHMENT | wgpu.TextureUsage.COPY_SRC
+        usage = wgpu.TextureUsage.COPY_SRC
+        usage |= wgpu.TextureUsage.STORAGE_BINDING if self.stage == "compute" else wgpu.TextureUsage.RENDER_ATTACHMENT
         return self.gpu.device.create_texture(size=(self.gpu.width, self.gpu.height, 1), format=format, usage=usage)
 
     def _encode(self, encoder: Any, pipeline: Any, target: Any, timestamps: dict | None = None) -> None:
-        attachment = {"view": target.create_view(), "load_op": "clear", "store_op": "store"}
         options = {"timestamp_writes": timestamps} if timestamps else {}
-        render = encoder.begin_render_pass(color_attachments=[attachment], **options)
-        render.set_pipeline(pipeline)
-        for k, group in enumerate(self._groups):
-            render.set_bind_group(k, group)
-        render.draw(3)
-        render.end()
+        if self.stage == "compute":
+            layout = self._target_layout(target.format)
+            entry = {"binding": 0, "resource": target.create_view()}
+            groups = [*self._groups, self.gpu.device.create_bind_group(layout=layout, entries=[entry])]
+            work = encoder.begin_compute_pass(**options)
+        else:
+            groups = self._groups
+            attachment = {"view": target.create_view(), "load_op": "clear", "store_op": "store"}
+            work = encoder.begin_render_pass(color_attachments=[attachment], **options)
+        work.set_pipeline(pipeline)
+        for k, group in enumerate(groups):
+            work.set_bind_group(k, group)
+        if self.stage == "compute":
+            work.dispatch_workgroups(-(-self.gpu.width // TILE[0]), -(-self.gpu.height // TILE[1]))
+        else:
+            work.draw(3)
+        work.end()
 
     # ------------------------------------------------------------------ what it computes
 

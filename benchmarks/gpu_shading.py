@@ -82,19 +82,20 @@ def measure(record: Record, simulate: bool) -> None:
 def _time(record: Record, one: Candidate, gpu: Any, inputs: dict, info: dict, simulate: bool) -> None:
     """Time one field in turns with the textured pass, and compare it with NumPy."""
     turns, rounds = (SIMULATED_TURNS, SIMULATED_ROUNDS) if simulate else (TURNS, ROUNDS)
-    timed = {weights: gpu.prepare(program) for weights, program in one.programs.items()}
+    stages = ("fragment", "compute")
+    timed = {(stage, weights): gpu.prepare(p, stage) for weights, p in one.programs.items() for stage in stages}
     worst = max(parity(each.picture(), one.graph, inputs) for each in timed.values())
-    passes = {**timed, "textured": gpu.prepare(None)}
-    samples: dict[str, list[float]] = {name: [] for name in passes}
+    passes = {**timed, **{(stage, "textured"): gpu.prepare(None, stage) for stage in stages}}
+    samples: dict[tuple[str, str], list[float]] = {name: [] for name in passes}
     for _ in range(turns):
         for name, each in passes.items():
             samples[name].append(each.seconds(rounds))
     seconds = {name: median(values) for name, values in samples.items()}
     best = min(timed, key=lambda name: seconds[name])
     clock = "GPU timestamps" if gpu.timestamps else "wall clock"
-    note = f"{info['device']} ({info['backend_type']}), {gpu.width}x{gpu.height}, {clock}, weights {best}: "
-    note += ", ".join(f"{name} {1e3 * value:.4g} ms" for name, value in seconds.items())
+    note = f"{info['device']} ({info['backend_type']}), {gpu.width}x{gpu.height}, {clock}, best {' '.join(best)}: "
+    note += ", ".join(f"{' '.join(name)} {1e3 * value:.4g} ms" for name, value in seconds.items())
     note += f"; compiled in {timed[best].compile_seconds:.2f} s; {one.graph.macs} MAC, {one.graph.fetches} fetches"
     record(one.name, 1e3 * seconds[best], note)
-    record(f"{one.name}, ratio", seconds[best] / seconds["textured"], note)
+    record(f"{one.name}, ratio", seconds[best] / seconds[best[0], "textured"], note)
     record(f"{one.name}, parity", worst, str(info["device"]))

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 
 from leak_scenes import SCENES, LeakScene
 from probe_trial import BUDGET, Queries, mean, queries, trial
-from rows import Row, at_least, at_most, chosen, publish, without_bar
+from rows import Row, at_least, at_most, chosen, of_gpu, publish, without_bar
 
 from lightwell.probes.metrics import Scores, score
 from lightwell.probes.samples import ProbeSampling
@@ -316,7 +316,7 @@ def browser(quick: bool) -> list[Row]:
     import subprocess
 
     what, gpu = "query time in the browser over trilinear's", "query time over DDGI's on a GPU"
-    rows = [at_most(gpu, 0.75, None, "ratio", "no GPU on this machine")]
+    rows = [of_gpu(gpu, "GPU: query time of probes (mlp) over DDGI's")]
     npx, web = shutil.which("npx"), ROOT / "web"
     if not npx or not (web / "node_modules").is_dir():
         return [at_most(what, 3.0, None, "ratio", "no Node packages on this machine"), *rows]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -48,7 +50,22 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _machine() -> str:
-    return f"{machine()}, {_processor()}, Python {platform.python_version()}, Mitsuba {version_of('mitsuba')}"
+    parts = [
+        machine(),
+        _processor(),
+        f"Python {platform.python_version()}",
+        f"Mitsuba {version_of('mitsuba')}",
+        *_gpu(),
+    ]
+    return ", ".join(parts)
+
+
+def _gpu() -> list[str]:
+    """The NVIDIA GPU of this machine, if it has one."""
+    if shutil.which("nvidia-smi"):
+        query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+        return subprocess.run(query, capture_output=True, text=True, timeout=10).stdout.splitlines()[:1]
+    return []
 
 
 def _processor() -> str:
@@ -62,6 +79,12 @@ def _processor() -> str:
 def without_bar(what: str, measured: float | None, unit: str, note: str = "") -> Row:
     """A row that nothing is asked of."""
     return Row(what, "–", _rounded(measured), unit, None, _machine(), note)
+
+
+def of_gpu(what: str, figure: str) -> Row:
+    """The row of a figure that benchmarks/gpu.py has measured on a GPU, under the name ``what``."""
+    found = {row["what"]: row for row in json.loads((RESULTS / "gpu.json").read_text())}[figure]
+    return Row(**found | {"what": what, "note": f"by benchmarks/gpu.py: {found['note']}"})
 
 
 def chosen(option: str, given: str | None, known: Iterable[str]) -> list[str]:

@@ -141,6 +141,21 @@ def test_the_bundle_keeps_what_runs(name, kept):
     assert gpu_bundle.is_kept(name) is kept
 
 
+def test_the_bundle_has_every_dependency():
+    """Imports that a bundle lacks were first met on a GPU machine."""
+    from importlib.metadata import requires
+
+    names = {re.split(r"[\s;<>=!~\[(]", need)[0].lower() for need in requires("lightwell") if "extra ==" not in need}
+    packed = {name.lower() for name in (*gpu_bundle.PACKAGES, *gpu_bundle.OMITTED)}
+    assert "mitsuba" in names and names <= packed
+
+
+def test_headers_that_are_read_at_run_time_stay_in_the_bundle():
+    assert gpu_bundle.is_kept("wgpu/resources/combined_header.h") and not gpu_bundle.is_kept(
+        "drjit/include/drjit/jit.h"
+    )
+
+
 def test_every_plug_in_that_is_named_stays_in_the_bundle():
     named = set()
     for path in [*(ROOT / "lightwell").rglob("*.py"), *gpu_stages.gpu_test_files(), ROOT / "tests/transport/rooms.py"]:

@@ -72,12 +72,12 @@ def luminance(output: Any) -> Any:
         output: [B, 3] tensor.
 
     Returns:
-        [B, 1] tensor.
+        [B, 3] tensor, whose columns are equal: no kernel of its own, as a product of matrices would be.
     """
-    # Literals, because a frozen function cannot read memory that is not among its arguments.
-    channel = dr.arange(mi.UInt32, 3)
-    weights = dr.select(channel == 0, LUMINANCE[0], dr.select(channel == 1, LUMINANCE[1], LUMINANCE[2]))
-    return dr.matmul(dr.maximum(dr.detach(output), 0), mi.TensorXf(mi.Float(weights), (3, 1)))
+    flat = dr.detach(output).array
+    row = dr.arange(mi.UInt32, dr.width(flat)) // 3 * 3
+    channels = [dr.maximum(dr.gather(mi.Float, flat, row + k), 0) for k in range(3)]
+    return mi.TensorXf(sum(weight * c for weight, c in zip(LUMINANCE, channels)), output.shape)
 
 
 def believed(output: Any, target: Any, cap: float) -> Any:
@@ -100,7 +100,7 @@ def believed(output: Any, target: Any, cap: float) -> Any:
 
 
 def loss(output: Any, target: Any, weight: Any) -> Any:
-    """Compute the relative squared loss (f - y)² / (sg(lum f)² + 0.01), summed, over the sum of weights.
+    """Compute the relative squared loss (f - y)² / (sg(lum f)² + 0.01) of each output.
 
     Args:
         output: [B, 3] prediction f.
@@ -108,11 +108,28 @@ def loss(output: Any, target: Any, weight: Any) -> Any:
         weight: [B, 3] 0 or 1.
 
     Returns:
-        Scalar; differentiable in ``output``, whose luminance in the denominator is a constant (sg: stop gradient).
+        [B, 3]; differentiable in ``output``, whose luminance in the denominator is a constant (sg: stop gradient). The
+        optimiser minimises its sum over the sum of the weights.
     """
-    scale = weight / (dr.square(luminance(output)) + LOSS_EPSILON)
-    count = dr.maximum(dr.sum(weight.array), 1)
-    return dr.sum((dr.square(output - target) * scale).array) / count
+    return dr.square(output - target) * (weight / (dr.square(luminance(output)) + LOSS_EPSILON))
+
+
+def sums(*values: Any) -> list[mi.Float]:
+    """Sum tensors of one shape in one reduction.
+
+    Args:
+        *values: [B, 3] tensors.
+
+    Returns:
+        One number per tensor.
+    """
+    arrays = [dr.detach(value).array for value in values]
+    size = dr.width(arrays[0])
+    lane, joined = dr.arange(mi.UInt32, size), dr.empty(mi.Float, size * len(arrays))
+    for k, array in enumerate(arrays):
+        dr.scatter(joined, array, lane + k * size)
+    total = dr.block_sum(joined, size)
+    return [dr.gather(mi.Float, total, mi.UInt32(k)) for k in range(len(arrays))]
 
 
 WeightCopy = tuple[Tensors, Tensors, tuple[Tensors, ...]]
@@ -235,12 +252,14 @@ def _frozen_step(model: Model, count: int, cap: float) -> Any:
             dr.enable_grad(values)
             output = model.forward(values, x, p)
             y = believed(output, y, cap)
-            total = loss(output, y, w)
-            dr.backward(total)
+            terms = loss(output, y, w)
+            residual = (dr.maximum(dr.detach(output), 0) - y) * w
+            total, signed, weights = sums(terms, residual, w)
+            share = 1 / dr.maximum(weights, 1)
+            dr.backward(terms.array * share)
             gradients = {name: dr.grad(value) for name, value in values.items()}
         values = {name: dr.detach(value) for name, value in values.items()}
-        residual = dr.sum(((dr.maximum(dr.detach(output), 0) - y) * w).array) / dr.maximum(dr.sum(w.array), 1)
-        stats = mi.Point2f(dr.detach(total), residual)
+        stats = mi.Point2f(total * share, signed * share)
         return *_updated(values, average, moments, gradients, rate, new, old), stats
 
     return freeze(step)
@@ -250,9 +269,7 @@ def _updated(
     values: Tensors, average: Tensors, moments: tuple[Tensors, ...], gradients: Tensors, rate: mi.Float, new: mi.Float,
     old: mi.Float,
 ) -> tuple[Tensors, Tensors, tuple[Tensors, ...]]:  # fmt: skip
-    """Update Adam and the average; nothing changes when any gradient is not finite."""
-    norm = sum(dr.sum(dr.square(g.array)) for g in gradients.values())
-    sound = dr.isfinite(norm)
+    """Update Adam and the average; weights whose gradient is not finite stay as they are."""
     values_: Tensors = {}
     average_: Tensors = {}
     first_: Tensors = {}
@@ -260,10 +277,10 @@ def _updated(
     for name, value in values.items():
         g, v, shape = gradients[name].array, value.array, value.shape
         m1, m2 = moments[0][name].array, moments[1][name].array
-        moves = mi.Bool(sound)
+        moves = dr.isfinite(g)
         ε = EPSILON
         if name == "table":
-            moves = sound & (g != 0)  # Entries that no record reads stay as they are.
+            moves &= g != 0  # Entries that no record reads stay as they are.
             ε = TABLE_EPSILON
         else:
             g = g + DECAY * v

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_floats
 from lightwell.cache.frames import sobol_pass
 from lightwell.cache.live_commands import Command, parse_command
 from lightwell.cache.live_scene import LiveScene
@@ -19,7 +19,7 @@ from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
 from lightwell.cache.warm_start import BakedLight, warm_start
-from lightwell.core.color import srgb_bytes
+from lightwell.core.color import SRGB_A, SRGB_GAMMA, SRGB_SLOPE, SRGB_TOE
 from lightwell.core.image_io import encoded
 from lightwell.scenes import load
 
@@ -28,6 +28,17 @@ MOST_FRAMES, CURVE = 512, 240
 JPEG_QUALITY = 88
 # Displayed value of the brightest tenth of an image.
 BRIGHT = 0.7
+
+
+# The exposure looks at one pixel of so many.
+SAMPLED = 7
+
+
+def _codes(linear: mi.Float) -> Any:
+    """sRGB codes 0 to 255 as bytes on the device; what is not finite is black."""
+    x = dr.clip(dr.select(dr.isfinite(linear), linear, 0), 0, 1)
+    curve = (1 + SRGB_A) * dr.power(dr.maximum(x, SRGB_TOE), 1 / SRGB_GAMMA) - SRGB_A
+    return dr.uint8_array_t(mi.Float)(dr.select(x <= SRGB_TOE, SRGB_SLOPE * x, curve) * 255 + 0.5)
 
 
 class LivePanels:
@@ -41,7 +52,8 @@ class LivePanels:
         """
         self.still = 0
         """Frames since something moved."""
-        self._sums = {name: np.zeros((size, size, 3)) for name in ("cache-image", "path")}
+        self._size = size
+        self._sums: dict[str, mi.Float] = {}
         self._jpegs: dict[str, bytes] = {}
         self._exposure = 0.0
         self._lock = threading.Lock()
@@ -49,37 +61,45 @@ class LivePanels:
     def restart(self) -> None:
         """Restart the averages."""
         self.still = 0
-        for total in self._sums.values():
-            total[:] = 0
+        self._sums = {}
 
-    def add(self, name: str, image: np.ndarray) -> None:
+    def add(self, name: str, image: mi.Float) -> None:
         """Add a frame to an average; ``still`` counts the frames.
 
         Args:
             name: 'cache-image' or 'path'.
-            image: [H, W, 3] radiance.
+            image: [H * W * 3] radiance on the device.
         """
-        self._sums[name] += image
+        self._sums[name] = self._sums[name] + image if name in self._sums else image
+        dr.eval(self._sums[name])
 
-    def means(self) -> dict[str, np.ndarray]:
+    def means(self) -> dict[str, mi.Float]:
         """Return the averages.
 
         Returns:
-            Name to [H, W, 3] radiance.
+            Name to [H * W * 3] radiance; black where there are no frames yet.
         """
-        return {name: total / max(self.still, 1) for name, total in self._sums.items()}
+        share = dr.opaque(mi.Float, 1 / max(self.still, 1))
+        black = dr.zeros(mi.Float, self._size**2 * 3)
+        return {name: self._sums.get(name, black) * share for name in ("cache-image", "path")}
 
-    def publish(self, images: Mapping[str, np.ndarray]) -> None:
+    def publish(self, images: Mapping[str, mi.Float]) -> None:
         """Expose and encode images for the page; the exposure follows the rendered one slowly.
 
         Args:
-            images: Name to [H, W, 3] radiance; 'cache-image' among them.
+            images: Name to [H * W * 3] radiance; 'cache-image' among them.
         """
-        bright = float(np.percentile(images["cache-image"].mean(axis=-1), 90)) or 1.0
+        lane = dr.arange(mi.UInt32, self._size**2 // SAMPLED) * SAMPLED
+        sample = np.array(dr.gather(mi.Color3f, images["cache-image"], lane)).mean(axis=0)
+        bright = float(np.percentile(sample, 90)) or 1.0
         first = not self._exposure or self.still <= 1
         self._exposure = BRIGHT / bright if first else 0.9 * self._exposure + 0.1 * BRIGHT / bright
-        exposed = {name: np.nan_to_num(image * self._exposure) for name, image in images.items()}
-        made = {name: encoded(srgb_bytes(image), "JPEG", quality=JPEG_QUALITY) for name, image in exposed.items()}
+        exposure = dr.opaque(mi.Float, self._exposure)
+        shown = {name: _codes(image * exposure) for name, image in images.items()}
+        dr.eval(shown)
+        shape = (self._size, self._size, 3)
+        pictures = {name: np.array(codes).reshape(shape) for name, codes in shown.items()}
+        made = {name: encoded(picture, "JPEG", quality=JPEG_QUALITY) for name, picture in pictures.items()}
         with self._lock:
             self._jpegs |= made
 
@@ -190,8 +210,9 @@ class LiveSession:
             start = time.perf_counter()
             means = self.panels.means()
             if self.frames % 2 == 0:
-                means["cache"] = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, seed)
-                means["error"] = np.abs(means["cache-image"] - means["path"])
+                shown = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, seed)
+                means["cache"] = upload_floats(shown.ravel())
+                means["error"] = dr.abs(means["cache-image"] - means["path"])
             self._took("views", start)
         if np.isfinite(stats.loss):
             self._curve.append((self.frames, stats.loss))
@@ -199,16 +220,17 @@ class LiveSession:
         self.frames += 1
 
     def _took(self, name: str, start: float) -> None:
+        dr.sync_thread()
         now = 1e3 * (time.perf_counter() - start)
         before = self._milliseconds[name]
         self._milliseconds[name] = now if before == 0 else 0.8 * before + 0.2 * now
 
-    def _render(self, caching: bool, seed: int) -> np.ndarray:
-        """One sample per pixel, [H, W, 3]."""
+    def _render(self, caching: bool, seed: int) -> mi.Float:
+        """One sample per pixel, [H * W * 3] on the device."""
         still, size = self.panels.still, self._size
         numbers = [dr.opaque(mi.UInt32, x) for x in (still, 1, seed if still == 0 else 7)]
         L, *_ = sobol_pass(self.live.scene, self.live.sensor, self.cache, numbers, size**2, "biased", 1.0, caching)
-        return np.array(L).T.reshape(size, size, 3)
+        return dr.ravel(L)
 
     def state(self) -> dict[str, Any]:
         """Return the numbers that the page shows beside the images.

@@ -39,6 +39,8 @@ def page_of(session: LiveSession) -> Application:
         Function from requests to answers.
     """
 
+    frames = _Frames(session)
+
     def answer(request: Request) -> Answer:
         known = {"/": "GET, HEAD", "/frame": "GET, HEAD", "/command": "POST"}.get(request.path)
         if known is None:
@@ -48,7 +50,7 @@ def page_of(session: LiveSession) -> Application:
         if request.path == "/":
             return Answer.page(PAGE.read_bytes())
         if request.path == "/frame":
-            return _frame(session)
+            return frames.answer()
         try:
             session.command(request.body)
         except ValueError as error:
@@ -58,10 +60,24 @@ def page_of(session: LiveSession) -> Application:
     return answer
 
 
-def _frame(session: LiveSession) -> Answer:
-    pictures = {name: base64.b64encode(data).decode() for name, data in session.panels.jpegs().items()}
-    body = json.dumps(session.state() | {"pictures": pictures}, allow_nan=False).encode()
-    return Answer.of(200, body, "application/json")
+class _Frames:
+    """Answers of /frame, each encoded once however often it is asked for: encoding takes time from rendering."""
+
+    def __init__(self, session: LiveSession) -> None:
+        self._session, self._lock = session, threading.Lock()
+        self._state: dict[str, Any] = {}
+        self._body = b""
+
+    def answer(self) -> Answer:
+        """The newest images and numbers."""
+        with self._lock:
+            state = self._session.state()
+            if state != self._state:
+                jpegs = self._session.panels.jpegs()
+                pictures = {name: base64.b64encode(data).decode() for name, data in jpegs.items()}
+                self._body = json.dumps(state | {"pictures": pictures}, allow_nan=False).encode()
+                self._state = state
+            return Answer.of(200, self._body, "application/json")
 
 
 def live(

@@ -18,6 +18,14 @@ from lightwell.cache.brightness_correction import RadianceScaling
 from lightwell.cache.encodings import hash_lookup
 from lightwell.cache.features import DARK, Vertex, paper_inputs, raw_inputs
 from lightwell.cache.settings import NetworkSettings
+from lightwell.graph.ops.layers import (
+    cooperative,
+    gathered_product,
+    half_cooperative,
+    half_vector,
+    pack_half,
+    row_table,
+)
 from lightwell.networks.hashgrid import HashGrid
 from lightwell.networks.mlp import glorot
 
@@ -130,19 +138,25 @@ class Model:
     # ------------------------------------------------------------------ inference
 
     def packed(self, values: Mapping[str, Any]) -> tuple[Any, ...]:
-        """Pack weights in the layout of cooperative vectors.
+        """Pack weights in the layout of cooperative vectors, on CUDA as half floats; where it has none, as plain rows.
 
         Args:
             values: Weights by name.
 
         Returns:
-            Views of the matrices, and the table of the hash grid.
+            Views of the matrices or their rows, and the table of the hash grid.
         """
         first = values["w0"]
         if self.grid:
             first = dr.concat([values["w0"], values["wd"]], axis=0)
         matrices = [first, *[values[f"w{k}"] for k in range(1, self.shape.layers + 1)]]
-        views = nn.pack(*[mi.TensorXf(_transposed(m)) for m in matrices], layout="inference")
+        tensors = [mi.TensorXf(_transposed(m)) for m in matrices]
+        if cooperative():
+            views = nn.pack(*tensors, layout="inference")
+        elif half_cooperative():
+            views = pack_half(tensors)
+        else:
+            views = tuple(row_table(m) for m in tensors)
         table = values["table"].array if self.grid else mi.Float(0)
         return (*views, table)
 
@@ -158,12 +172,23 @@ class Model:
         """
         *views, table = packed
         inputs = hash_lookup(self.grid.layout, table, self.grid.packets, v.p) if self.grid else []
-        x: Any = nn.CoopVec(*inputs, *self.inputs(v))
+        inputs = [*inputs, *self.inputs(v)]
+        if not cooperative() and not half_cooperative():
+            return mi.Color3f(*self._gathered(views, inputs))
+        x: Any = nn.CoopVec(*inputs) if cooperative() else half_vector(inputs)
         for k, view in enumerate(views):
             if k:
                 x = dr.maximum(x, 0)
             x = nn.matvec(view, x)
-        return mi.Color3f(*x)
+        return mi.Color3f(*[mi.Float(component) for component in x])
+
+    def _gathered(self, tables: list[mi.Float], x: list[mi.Float]) -> list[mi.Float]:
+        """Evaluate the layers by rows of weights."""
+        for k, (table, outputs) in enumerate(zip(tables, self.sizes[1:])):
+            if k:
+                x = [dr.maximum(component, 0) for component in x]
+            x = gathered_product(table, mi.UInt32(0), outputs, x)
+        return x
 
     def radiance(self, packed: tuple[Any, ...], v: Vertex, gain: RadianceScaling) -> mi.Color3f:
         """Predict the scattered radiance towards ``v.w``.

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 SMALLEST, LARGEST, FIRST = 1.0, 128.0, 8.0
 # Assumed records per path before the first frame has been measured.
 EXPECTED = 2.5
-# Relative deviation from the target that causes no change.
-SLACK = 0.04
+# Relative deviation from the target that causes no change, and sides per factor of two: a camera that moves
+# meets few sides. Each is another recording, and on a GPU seconds of compilation.
+SLACK, FINE_STEPS = 0.12, 8
 # Slack from which sides are powers of the square root of two, so that all images of a size share a few recordings.
-COARSE = 0.25
+COARSE, COARSE_STEPS = 0.25, 2
 
 
 @dataclass
@@ -72,6 +73,6 @@ class Tiles:
         if abs(ratio - 1) <= self.slack:
             return  # A different number of paths would need another recording (``training_frame``).
         self.side *= math.sqrt(ratio)
-        if self.slack >= COARSE:
-            self.side = 2 ** (round(2 * math.log2(self.side)) / 2)
+        steps = COARSE_STEPS if self.slack >= COARSE else FINE_STEPS
+        self.side = 2 ** (round(steps * math.log2(self.side)) / steps)
         self.side = min(max(self.side, SMALLEST), LARGEST)

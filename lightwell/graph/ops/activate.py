@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.graph.ops.example import Example, normals
+from lightwell.graph.ops.layers import cooperative
 from lightwell.graph.ops.op import Op, Parameter, Use, register, same_width
 
 # Slope of leaky_relu below zero.
@@ -90,7 +91,7 @@ ACTIVATE = register(
         width=same_width,
         numpy=lambda use, a: FUNCTIONS[use["function"]].numpy(a),
         drjit=_drjit_activate,
-        packed=lambda use: use["function"] != "sine",  # cooperative vectors have no sine
+        packed=lambda use: use["function"] != "sine" and cooperative(),  # cooperative vectors have no sine
         examples=_examples,
     )
 )

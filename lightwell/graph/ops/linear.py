@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.graph.ops.example import Example, indices, normals
-from lightwell.graph.ops.fetch import gather_row
+from lightwell.graph.ops.layers import cooperative, gathered_product, gathered_rows
 from lightwell.graph.ops.lookup import drjit_rounded_index, rounded_index
 from lightwell.graph.ops.op import MAX_WIDTH, Op, Parameter, Use, register
 
@@ -46,26 +46,19 @@ SMALL_LAYER = 1024
 
 
 def _is_gathered(use: Use) -> bool:
+    if not cooperative():
+        return True
     experts, *layer = use.buffers["weights"].shape if len(use.widths) == 2 else (1, 0)
     return experts >= MANY_EXPERTS and int(np.prod(layer)) <= SMALL_LAYER
 
 
 def _prepare_linear(use: Use) -> Any:
     """Packs weights and bias of every expert for cooperative vectors, or for gathers."""
-    return _prepare_gathers(use) if _is_gathered(use) else _prepare_layers(use)
-
-
-def _prepare_gathers(use: Use) -> Any:
-    """Rows of weights with the bias behind them, [experts * out, stride]: whole packets of four."""
-    from lightwell.backend import dr, upload_floats
-
-    weights, bias = use.values("weights"), use.values("bias")
-    stride = -(-(weights.shape[2] + 1) // 4) * 4
-    rows = np.zeros((*bias.shape, stride), np.float32)
-    rows[..., : weights.shape[2]], rows[..., weights.shape[2]] = weights, bias
-    table = upload_floats(rows.ravel())
-    dr.make_opaque(table)
-    return {"rows": table, "stride": stride}
+    if not _is_gathered(use):
+        return _prepare_layers(use)
+    shape = use.buffers["weights"].shape[-2:]
+    weights, bias = use.values("weights").reshape(-1, *shape), use.values("bias").reshape(-1, shape[0])
+    return {"rows": gathered_rows(weights, bias)}
 
 
 def _prepare_layers(use: Use) -> Any:
@@ -83,26 +76,21 @@ def _prepare_layers(use: Use) -> Any:
 def _drjit_linear(use: Use, a: Any, index: Any = None) -> Any:
     import drjit.nn as nn
 
+    if _is_gathered(use):
+        return _drjit_gathered(use, a, index)
     if index is None:
         weights, bias = use.state["layers"][0]
         return nn.matvec(weights, a, bias)
-    return (_drjit_gathered if _is_gathered(use) else _drjit_expert)(use, a, index[0])
+    return _drjit_expert(use, a, index[0])
 
 
 def _drjit_gathered(use: Use, a: list[Any], index: Any) -> list[Any]:
-    """Reads the weights of each point's expert."""
-    from lightwell.backend import dr
+    """Reads the weights of each point's expert, or of the only one."""
+    from lightwell.backend import mi
 
-    experts, outputs, inputs = use.buffers["weights"].shape
-    first = drjit_rounded_index(index, experts) * outputs
-    out = []
-    for row in range(outputs):
-        numbers = gather_row(use.state["rows"], first + row, use.state["stride"])
-        total = numbers[inputs]
-        for weight, x in zip(numbers, a):
-            total = dr.fma(weight, x, total)
-        out.append(total)
-    return out
+    experts, outputs, _ = (1, *use.buffers["weights"].shape)[-3:]
+    first = mi.UInt32(0) if index is None else drjit_rounded_index(index[0], experts) * outputs
+    return gathered_product(use.state["rows"], first, outputs, a)
 
 
 def _drjit_expert(use: Use, a: list[Any], index: Any) -> list[Any]:
@@ -138,7 +126,7 @@ LINEAR = register(
         drjit=_drjit_linear,
         macs=lambda use: use.buffers["weights"].shape[-2] * use.buffers["weights"].shape[-1],
         prepare=_prepare_linear,
-        packed=lambda use: len(use.widths) == 1,
+        packed=lambda use: len(use.widths) == 1 and cooperative(),
         examples=_linear_examples,
     )
 )
