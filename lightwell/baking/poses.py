@@ -127,7 +127,7 @@ def scored_points(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.nda
         return draw.points, draw.weight
     poses = scored_poses(len(scene.movers))
     share = max(drawn.count // len(poses), 1)
-    draws = [draw_surface(posed(scene, pose), share, drawn.seed + k) for k, pose in enumerate(poses)]
+    draws = [draw_surface(posed(scene, pose), share, drawn.seed + k, core=drawn.core) for k, pose in enumerate(poses)]
     points = [at_pose(draw.points, pose) for draw, pose in zip(draws, poses)]
     return _joined(points), np.concatenate([draw.weight for draw in draws])
 

@@ -35,7 +35,7 @@ from lightwell.transport.camera import camera_points
 from lightwell.transport.lit_points import LitPoints
 
 # Version; to be increased when the same arguments give other samples than before.
-VERSION = 2
+VERSION = 3
 
 T = TypeVar("T")
 
@@ -335,6 +335,7 @@ def trace_points(
         seed + EVALUATION_SEED,
         lights=0 if variable is None else budget.lights,
         light_seed=seed + 2 * EVALUATION_SEED,
+        core=True,
     )
     points, weight = scored_points(scene, drawn)
     light = drawn.light_of(scene, len(points))
@@ -406,6 +407,7 @@ def trace_sweep(scene: Scene, variable: Variable, budget: ReferenceBudget, seed:
         lights=budget.sweep,
         light_seed=seed + 3 * EVALUATION_SEED,
         chained=True,
+        core=True,
         run=budget.sweep_points,
     )
     points = drawn.repeated(drawn.draw(scene).points)

@@ -19,6 +19,7 @@ import numpy as np
 
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
+from lightwell.transport.point_rejection import room
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import Query, Samples, SurfacePoints
 from lightwell.transport.surface import SurfaceDraw, draw_surface
@@ -197,7 +198,7 @@ def refine(
     """
     density = residual_density(scene, samples, predict(samples.query))
     point_seed, light_seed, mix_seed = (int(s) for s in np.random.SeedSequence([seed, 3]).generate_state(3))
-    pool = draw_surface(scene, POOL * count, point_seed, is_open=is_open)
+    pool = draw_surface(scene, POOL * count, point_seed, is_open=is_open, core=not room(scene))
     lights = np.asarray((lights_fn or _default_lights(scene, variable))(LIGHT_POOL, light_seed), np.float32)
     return mixture(scene, density, pool, lights, count, mix_seed)
 

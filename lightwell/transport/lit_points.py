@@ -42,6 +42,8 @@ class LitPoints:
     """Test lights; False: training lights."""
     chained: bool = False
     """Lights in an order in which each is near the one before."""
+    core: bool = False
+    """Area-uniform in the core of the scene alone."""
     run: int = 1
     """Rows one after the other that share a light; when all were used, the lights begin again."""
 
@@ -56,7 +58,7 @@ class LitPoints:
         """
         if self.seen and self.variable is not None:
             return draw_seen(scene, self.variable, self.count, self.seed, floor=self.floor)
-        return draw_surface(scene, self.count, self.seed, floor=self.floor)
+        return draw_surface(scene, self.count, self.seed, floor=self.floor, core=self.core)
 
     def repeated(self, points: SurfacePoints) -> SurfacePoints:
         """Repeat the points.

@@ -33,7 +33,7 @@ def patch_radius(scene: Scene) -> float:
     Returns:
         Metres.
     """
-    low, high = scene.bounds
+    low, high = scene.core
     return min(RADIUS_SHARE * float(np.linalg.norm(high - low)), MOST_RADIUS)
 
 
@@ -50,7 +50,7 @@ def draw_patches(scene: Scene, count: int, seed: int) -> SurfacePoints:
     Returns:
         P * ``POINTS`` points, patch by patch.
     """
-    centres = draw_surface(scene, CANDIDATES * count, seed, floor=0).points
+    centres = draw_surface(scene, CANDIDATES * count, seed, floor=0, core=True).points
     wide = _triangle_area(scene, centres) > patch_radius(scene) ** 2
     centres = centres[np.flatnonzero(wide)]
     if not len(centres):
@@ -107,6 +107,6 @@ def _disc(edges: np.ndarray, radius: float, random: np.random.Generator) -> np.n
 
 def _facing_one_eye(scene: Scene, centres: SurfacePoints, points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
     """The points with views towards the eye of their patch's centre."""
-    eye = frames(scene, centres)[0] + 0.25 * scene.extent * centres.view
+    eye = frames(scene, centres)[0] + 0.25 * scene.core_extent * centres.view
     way = eye[rows] - frames(scene, points)[0]
     return replace(points, view=(way / np.linalg.norm(way, axis=1, keepdims=True)).astype(np.float32))

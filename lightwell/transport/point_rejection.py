@@ -141,10 +141,10 @@ def room(scene: Scene) -> bool:
 
 
 def _escape_share(scene: Scene) -> float:
-    """Measure the share of rays that leave the scene from points in the inner 80 % of its bounds."""
+    """Measure the share of rays that leave the scene from points in the inner 80 % of its core."""
     lane = dr.arange(mi.UInt32, ROOM_POINTS * ROOM_RAYS)
     rng = random_streams(mi.UInt32(0), lane // ROOM_RAYS, mi.UInt32(0))
-    low, high = (mi.ScalarPoint3f(list(b)) for b in scene.bounds)
+    low, high = (mi.ScalarPoint3f(list(b)) for b in scene.core)
     u = mi.Vector3f(rng.next_float32(), rng.next_float32(), rng.next_float32())
     origin = mi.Point3f(low) + (0.1 + 0.8 * u) * mi.Vector3f(high - low)
     rng = random_streams(mi.UInt32(1), lane, mi.UInt32(0))

@@ -19,6 +19,7 @@ from lightwell.scenes.variables import PointLight, Variable
 from lightwell.scenes.viewpoints import camera_frame
 from lightwell.transport.camera import first_surface
 from lightwell.transport.interactions import upload
+from lightwell.transport.point_rejection import room
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import SurfaceDraw, draw_surface
 from lightwell.transport.tables import shape_index, shape_lookup
@@ -53,7 +54,7 @@ def draw_seen(scene: Scene, variable: Variable, count: int, seed: int, *, floor:
         _met(scene, int(CAMERA_SHARE * count), random, _camera_rays(scene, variable, seed)),
         _met(scene, int(AIR_SHARE * count), random, _air_rays(scene, variable, random)),
     ]
-    area = draw_surface(scene, count - sum(map(len, parts)), seed, floor=floor)
+    area = draw_surface(scene, count - sum(map(len, parts)), seed, floor=floor, core=not room(scene))
     points = _join([*parts, area.points])
     order = random.permutation(len(points))
     return replace(area, points=points[order], weight=np.ones(len(points), np.float32))

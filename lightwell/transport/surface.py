@@ -1,5 +1,7 @@
 """Sampling of surface points: area-uniform over all sides that border on air, with a least number per object.
 
+Scenes with a dome of sky or ground of kilometres have a core, to which points can be confined (``pieces``).
+
 Notation: N points asked for, C candidates, M meshes, T triangles.
 """
 
@@ -12,6 +14,7 @@ import numpy as np
 from lightwell.core.sobol import Sobol
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import interaction as interaction
+from lightwell.transport.pieces import Pieces, of_core, whole
 from lightwell.transport.point_rejection import Rejection as Rejection
 from lightwell.transport.point_rejection import reject as reject
 from lightwell.transport.queries import dot, frames
@@ -79,6 +82,7 @@ def draw_surface(
     is_open: bool | None = None,
     report: Rejection | None = None,
     only: np.ndarray | None = None,
+    core: bool = False,
 ) -> SurfaceDraw:
     """Draw points, area-uniform over all sides that border on air; the same seed gives the same points.
 
@@ -92,13 +96,15 @@ def draw_surface(
         is_open: Outdoor scene; None: measured (``lightwell.transport.point_rejection.room``).
         report: Receives the counts of dropped candidates, by reason.
         only: [M] bool: meshes to draw from; None: all.
+        core: Draw from the core of the scene alone, without its dome of sky and far ground.
 
     Returns:
         ``count`` points with weights, in random order.
     """
     report = Rejection() if report is None else report
-    area = tables(scene).mesh_area
-    source = _Candidates(scene, seed, is_open, report, only)
+    pieces = of_core(scene) if core else whole(scene)
+    area = pieces.mesh_area
+    source = _Candidates(scene, seed, is_open, report, only, pieces)
     points = source.take(count)
     _, found = np.unique(points.shape, return_counts=True)
     floor = min(floor, int(FLOOR_SHARE * count / max(len(found), 1)))
@@ -138,8 +144,11 @@ def _join(parts: list[SurfacePoints]) -> SurfacePoints:
 class _Candidates:
     """A seeded stream of accepted points on chosen meshes."""
 
-    def __init__(self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None):
-        meshes, area = len(scene.meshes), np.where(tables(scene).clear, 0, tables(scene).mesh_area)
+    def __init__(
+        self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None, pieces: Pieces
+    ) -> None:
+        meshes, area = len(scene.meshes), np.where(tables(scene).clear, 0, pieces.mesh_area)
+        self.pieces = pieces
         self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report
         self.accepted, self.tried = np.zeros((2, meshes), np.int64)
@@ -185,7 +194,7 @@ class _Candidates:
     def _round(self, numbers, size: float, mass: np.ndarray) -> SurfacePoints:
         """Draw about ``size`` candidates; returns the accepted ones."""
         size = 1 << (int(np.clip(size, 256, ROUND)) - 1).bit_length()
-        points = candidates(self.scene, numbers.random(size), mass)
+        points = candidates(self.scene, numbers.random(size), self.pieces, mass)
         keep = reject(self.scene, points, is_open=self.is_open, seed=self.seed, report=self.report)
         self.tried += np.bincount(points.shape, minlength=len(mass))
         self.accepted += np.bincount(points.shape[keep], minlength=len(mass))
@@ -204,28 +213,30 @@ def _nothing() -> SurfacePoints:
     return SurfacePoints(none, none, np.zeros((0, 2), np.float32), np.zeros((0, 3), np.float32))
 
 
-def candidates(scene: Scene, u: np.ndarray, mass: np.ndarray | None = None) -> SurfacePoints:
+def candidates(scene: Scene, u: np.ndarray, pieces: Pieces, mass: np.ndarray | None = None) -> SurfacePoints:
     """Place points on random sides of triangles; none is rejected yet.
 
     Args:
         scene: Scene with M meshes.
         u: [C, 7] uniform numbers in [0, 1).
+        pieces: The part of the surface to draw from.
         mass: [M] share of each object, within which points are area-uniform; None: its area.
 
     Returns:
         C points with random views.
     """
     t = tables(scene)
-    per_area = np.ones(len(t.mesh_area)) if mass is None else mass / np.maximum(t.mesh_area, 1e-300)
-    cdf = np.cumsum(t.area * per_area[t.mesh_of])
-    # Rounding of the sums must not select a triangle after the last one with a share.
-    triangle = np.searchsorted(cdf, np.minimum(u[:, 0] * cdf[-1], np.nextafter(cdf[-1], 0)), side="right")
-    shape = t.mesh_of[triangle]
-    root = np.sqrt(u[:, 1])
+    per_area = np.ones(len(pieces.mesh_area)) if mass is None else mass / np.maximum(pieces.mesh_area, 1e-300)
+    cdf = np.cumsum(pieces.area * per_area[t.mesh_of[pieces.triangle]])
+    # Rounding of the sums must not select a piece after the last one with a share.
+    piece = np.searchsorted(cdf, np.minimum(u[:, 0] * cdf[-1], np.nextafter(cdf[-1], 0)), side="right")
+    triangle = pieces.triangle[piece]
+    shape, root = t.mesh_of[triangle], np.sqrt(u[:, 1])
+    weights = np.stack([1 - root, root * (1 - u[:, 2]), root * u[:, 2]], axis=-1)
     points = SurfacePoints(
         shape=shape.astype(np.uint32),
         triangle=(triangle - t.first[shape]).astype(np.uint32),
-        barycentric=np.stack([root * (1 - u[:, 2]), root * u[:, 2]], axis=-1).astype(np.float32),
+        barycentric=np.einsum("pc,pcw->pw", weights, pieces.corners[piece]).astype(np.float32),
         view=np.zeros((len(u), 3), np.float32),
     )
     side = np.where(u[:, 3:4] < 0.5, 1.0, -1.0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from lightwell.core.sobol import Sobol
 from lightwell.scenes.scene import Scene
+from lightwell.transport.pieces import whole
 from lightwell.transport.point_rejection import Rejection, reject
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
@@ -35,7 +36,7 @@ def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) 
     t = tables(scene)
     found = np.zeros((2, len(t.area)), bool)
     numbers = Sobol(7, np.random.default_rng([seed, 0xA7]))
-    _look(scene, candidates(scene, numbers.random(POINTS)), found, seed, report)
+    _look(scene, candidates(scene, numbers.random(POINTS), whole(scene)), found, seed, report)
     for place in PLACES:
         side, triangle = np.nonzero(~found & (t.area > 0))
         points = side_points(scene, triangle, side, np.broadcast_to(np.float32(place), (len(triangle), 2)))

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from lightwell.transport.interactions import interaction
+from lightwell.transport.pieces import whole
 from lightwell.transport.point_rejection import Rejection, reject, room
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.surface import candidates, draw_surface, sample_surface
@@ -32,7 +33,7 @@ def test_a_clumped_histogram_fails_the_chi_square(cornell):
     # The planted bug: barycentric weights without the square root crowd one corner of every triangle.
     u = np.random.default_rng(0).random((20000, 7))
     u[:, 1] **= 2
-    points = candidates(cornell, u, np.eye(7)[1])
+    points = candidates(cornell, u, whole(cornell), np.eye(7)[1])
     p = frames(cornell, points)[0] + [1, 0, 1]
     counts = np.histogram2d(p[:, 0], p[:, 2], bins=8, range=[[0, 2], [0, 2]])[0]
     assert stats.chisquare(np.ravel(counts)).pvalue < 1e-6
@@ -129,7 +130,7 @@ def test_a_scene_without_air_says_so():
 
 
 def test_rejection_counts_add_up(cornell):
-    points = candidates(cornell, np.random.default_rng(1).random((4096, 7)))
+    points = candidates(cornell, np.random.default_rng(1).random((4096, 7)), whole(cornell))
     report = Rejection()
     keep = reject(cornell, points, report=report)
     assert report.candidates == 4096 and report.dropped == (~keep).sum()
