@@ -81,7 +81,8 @@ class EnvironmentEntry:
     radiance: tuple[float, float, float]
     """Linear sRGB; multiplies the picture where there is one."""
     picture: Picture | None = None
-    """Equirectangular, sRGB-encoded: first row +Y, columns by atan2(z, x) from -π to π. None: all directions alike."""
+    """Equirectangular logarithms (format/LIGHTWELL_neural_radiance.md): first row +Y, columns by atan2(z, x) from -π to
+    π. None: all directions are alike."""
     lamp: int | None = None
     """Index of the lamp that it follows; None: it cannot be changed."""
 

@@ -7,16 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from lightwell.asset.records import EnvironmentEntry
-from lightwell.core.color import WHITE, srgb_bytes
+from lightwell.core.color import WHITE
 from lightwell.graph.pictures import encode
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
 from lightwell.transport.environment import environment_picture
 
 # Rows of the picture, 0.7 degrees each, and how it is encoded.
-HEIGHT, CODEC = 256, "webp90"
+HEIGHT, CODEC = 256, "webp95"
 # Difference of directions, relative to the brightest one, that is none.
 SAME = 1e-4
+# A byte is a logarithm: so many factors of two from 255 down to 0, which is black. A step is 4 %.
+STOPS = 14
 
 
 def environment_entry(scene: Scene, lamps: Sequence[LampGroup], exposure: float | None) -> EnvironmentEntry | None:
@@ -39,8 +41,13 @@ def environment_entry(scene: Scene, lamps: Sequence[LampGroup], exposure: float 
         return EnvironmentEntry(_color(picture.mean(axis=(0, 1))), lamp=lamp)
     # What is brighter, such as a sun, is as white in a viewer.
     white = min(float(picture.max()), WHITE / (exposure or _usual_exposure(picture)))
-    texels = srgb_bytes(picture / white)
+    texels = _logarithms(picture / white)
     return EnvironmentEntry(_color([white] * 3), encode(texels, CODEC), lamp)
+
+
+def _logarithms(values: np.ndarray) -> np.ndarray:
+    """The bytes of values from 0 to 1; what is brighter is 255."""
+    return np.rint(255 * (1 + np.log2(np.clip(values, 2.0**-STOPS, 1)) / STOPS)).astype(np.uint8)
 
 
 def _usual_exposure(picture: np.ndarray) -> float:
