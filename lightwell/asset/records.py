@@ -75,6 +75,19 @@ class LampEntry:
 
 
 @dataclass(frozen=True)
+class EnvironmentEntry:
+    """What surrounds the scene as it is stored: light from all directions that stands still."""
+
+    radiance: tuple[float, float, float]
+    """Linear sRGB; multiplies the picture where there is one."""
+    picture: Picture | None = None
+    """Equirectangular logarithms (format/LIGHTWELL_neural_radiance.md): first row +Y, columns by atan2(z, x) from -π to
+    π. None: all directions are alike."""
+    lamp: int | None = None
+    """Index of the lamp that it follows; None: it cannot be changed."""
+
+
+@dataclass(frozen=True)
 class FieldEntry:
     """A baked field as it is stored in a glTF file."""
 

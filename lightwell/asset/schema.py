@@ -65,6 +65,7 @@ def _check_references(extension: dict[str, Any]) -> None:
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
     for i, variable in enumerate(extension["variables"]):
         _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
+    _check_surroundings(extension)
     _check_movers(extension)
     for where, field in _graphs(extension):
         if field.get("variable", -1) >= sum(variable["kind"] not in MOVING for variable in extension["variables"]):
@@ -79,6 +80,16 @@ def _graphs(extension: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     for table in ("fields", "probes"):
         for i, field in enumerate(extension.get(table, ())):
             yield f"{EXTENSION}.{table}[{i}]", field
+
+
+def _check_surroundings(extension: dict[str, Any]) -> None:
+    """Check that the core is a box, and that the environment follows a lamp that exists."""
+    core, lamps = extension.get("core"), len(extension.get("lamps", ()))
+    if core is not None and any(low >= high for low, high in zip(core["low"], core["high"])):
+        raise ValueError(f"{EXTENSION}.core: expected low below high")
+    lamp = extension.get("environment", {}).get("lamp", -1)
+    if lamp >= lamps:
+        raise ValueError(f"{EXTENSION}.environment.lamp: there is no lamp {lamp}")
 
 
 def _check_movers(extension: dict[str, Any]) -> None:

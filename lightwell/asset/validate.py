@@ -42,7 +42,7 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
         problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
-        problems += _missing_coordinates(document, wanted) + _missing_nodes(document)
+        problems += _missing_coordinates(document, wanted) + _missing_nodes(document) + _missing_environment(document)
         return problems + pointer_problems(document)
 
 
@@ -56,6 +56,14 @@ def _missing_nodes(document: dict[str, Any]) -> list[str]:
         for name in lamp["nodes"]
         if name not in known
     ]
+
+
+def _missing_environment(document: dict[str, Any]) -> list[str]:
+    """The picture of an environment that does not exist: nothing is shown behind the scene."""
+    texture = document["extensions"][EXTENSION].get("environment", {}).get("texture", -1)
+    if texture < len(document.get("textures", ())):
+        return []
+    return [f"environment: there is no texture {texture}; name one of the file, or leave it out"]
 
 
 def _missing_coordinates(document: dict[str, Any], wanted: set[str]) -> list[str]:

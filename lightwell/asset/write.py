@@ -21,6 +21,7 @@ from lightwell.asset.records import (
     MOVING,
     VERSION,
     VERSION_WITH_LAMPS_OR_SKY,
+    EnvironmentEntry,
     Fallback,
     FieldEntry,
     LampEntry,
@@ -47,6 +48,7 @@ def write_glb(
     pose: Sequence[float] | None = None,
     probes: Sequence[FieldEntry] = (),
     clips: Sequence[LampClip] = (),
+    environment: EnvironmentEntry | None = None,
 ) -> int:
     """Write a scene and its learned light to a GLB file.
 
@@ -65,11 +67,12 @@ def write_glb(
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
         probes: The same light in the air, for what is added to the scene or moves; may be empty.
         clips: Animations of the lamps; may be empty.
+        environment: What surrounds the scene; None: nothing that shines.
 
     Returns:
         Number of bytes written.
     """
-    data = glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose, probes, clips)
+    data = glb_bytes(scene, fields, variables, generator, fallback, lamps, exposure, pose, probes, clips, environment)
     return write_atomically(path, data)
 
 
@@ -84,6 +87,7 @@ def glb_bytes(
     pose: Sequence[float] | None = None,
     probes: Sequence[FieldEntry] = (),
     clips: Sequence[LampClip] = (),
+    environment: EnvironmentEntry | None = None,
 ) -> bytes:
     """Build the GLB that ``write_glb`` writes; equal arguments give equal bytes.
 
@@ -98,6 +102,7 @@ def glb_bytes(
         pose: First slider, 0 to 1, of each of the scene's movers, which become variables; None: nothing moves.
         probes: The same light in the air, for what is added to the scene or moves; may be empty.
         clips: Animations of the lamps; may be empty.
+        environment: What surrounds the scene; None: nothing that shines.
 
     Returns:
         The bytes of the file.
@@ -120,12 +125,31 @@ def glb_bytes(
     extension = extension_json(fields, variables, binary, document, lamps, probes)
     if exposure is not None:
         extension["exposure"] = float(exposure)
+    extension |= _surroundings_json(scene, environment, binary, document)
     validate(extension)
     document.setdefault("extensions", {})[EXTENSION] = extension
     document["extensionsUsed"] = sorted({*document.get("extensionsUsed", ()), EXTENSION})
     document["bufferViews"], document["accessors"] = binary.views, binary.accessors
     document["buffers"] = [{"byteLength": len(binary.data)}]
     return pack(document, bytes(binary.data))
+
+
+def _surroundings_json(
+    scene: Scene, environment: EnvironmentEntry | None, binary: Binary, document: dict[str, Any]
+) -> dict[str, Any]:
+    """What viewers place cameras and lamps by, and what they show behind the scene."""
+    entries: dict[str, Any] = {}
+    # A file without it is looked at as a whole.
+    if not np.array_equal(scene.core, scene.bounds):
+        low, high = scene.core.tolist()
+        entries["core"] = {"low": low, "high": high}
+    if environment is not None:
+        entries["environment"] = {"radiance": list(environment.radiance)}
+        if environment.picture is not None:
+            entries["environment"]["texture"] = add_texture(document, binary, environment.picture)
+        if environment.lamp is not None:
+            entries["environment"]["lamp"] = environment.lamp
+    return entries
 
 
 def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> dict[int, list[int]]:

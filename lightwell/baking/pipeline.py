@@ -20,6 +20,7 @@ from lightwell.asset.exposure import declared_exposure
 from lightwell.asset.page import write_page
 from lightwell.asset.records import FieldEntry, LampEntry
 from lightwell.asset.write import write_glb
+from lightwell.baking.environment import environment_entry
 from lightwell.baking.evaluate import Shipped, lit_views
 from lightwell.baking.exposure import metered_exposure
 from lightwell.baking.late_notes import LateNotes
@@ -295,6 +296,7 @@ def write_asset(
     ]
     probes = [FieldEntry(s.role, s.role, s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
+    shines = any(s.role == "static" for s in shipped)
     return write_glb(
         out / "scene.glb",
         state.shipped,
@@ -306,6 +308,7 @@ def write_asset(
         pose=view_pose(state.scene, 0),
         probes=probes,
         clips=lamp_clips(state.job.scene, state.lamps)[0],
+        environment=environment_entry(state.scene, state.lamps, exposure) if shines else None,
     )
 
 

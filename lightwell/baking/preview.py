@@ -19,6 +19,7 @@ import numpy as np
 from lightwell.asset.page import PLACEHOLDER, camera_json, viewer_html
 from lightwell.asset.records import FieldEntry
 from lightwell.asset.write import glb_bytes
+from lightwell.baking.environment import environment_entry
 from lightwell.baking.evaluate import lit_views
 from lightwell.baking.settings import BakeSettings
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
@@ -83,8 +84,7 @@ class PreviewScene:
         variable = declare(request.vary, scene)
         camera, light = lit_views(scene, variable, 1, request.seed)[0]
         declared, color = first_settings(request.vary)
-        low, high = (np.asarray(bound) for bound in scene.bounds)
-        half = float((high - low).max()) / 2
+        half = scene.core_extent / 2
         usual = SUN_INTENSITY if variable.kind == "sun" else POINT_INTENSITY * half * half
         roles: tuple[Role, ...] = ("indirect", "static") if request.static and scene.has_static_light else ("indirect",)
         return PreviewScene(scene, variable, camera, light, declared or usual, color, request.seed, roles)
@@ -101,7 +101,8 @@ class PreviewScene:
         variables = [] if self.variable is None else [to_json(self.variable, self.light, self.intensity, self.color)]
         known: dict[Role, Graph] = graphs or {"indirect": _no_light()}
         entries = [FieldEntry(role, role, g, 0 if role == "indirect" else None, {}) for role, g in known.items()]
-        return glb_bytes(self.scene, entries, variables)
+        environment = environment_entry(self.scene, (), None) if "static" in self.roles else None
+        return glb_bytes(self.scene, entries, variables, environment=environment)
 
     def samples(self, lights: int, role: Role, seed: int) -> Samples:
         """Trace samples, those of a light in consecutive rows.

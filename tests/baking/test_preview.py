@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lightwell.asset.container import unpack
+from lightwell.asset.records import EXTENSION
 from lightwell.baking import preview as module
 from lightwell.baking.pipeline import bake
 from lightwell.baking.preview import Preview, PreviewScene
@@ -16,7 +18,9 @@ from lightwell.fields.protocol import GoodEnough
 from lightwell.fields.request import Request
 from lightwell.fields.surface.clock import Clock
 from lightwell.scenes import load
+from lightwell.scenes.default_light import under_sky
 from lightwell.serving.server import LocalServer
+from tests.transport.rooms import WHITE, box, build, diffuse
 
 from .conftest import small
 
@@ -119,3 +123,18 @@ def test_a_bake_with_a_page_shows_light_and_ends_when_it_is_good_enough(tmp_path
     report = bake(small(tmp_path / "out", steps=400), preview=preview)
     assert preview.state()["version"] > 2 and preview.state()["stage"] == "done"
     assert preview.graphs.keys() == {"indirect"} and report["relative_error"] < 2
+
+
+def test_the_lamp_of_the_page_is_as_bright_as_the_part_that_is_looked_at_asks_for():
+    town = [box(f"house {k}", (8.0 * k, 0, 0), (8.0 * k + 4, 6, 4)) for k in range(6)]
+    alone = PreviewScene.of(build("town", town, [diffuse(WHITE)] * 6), Request())
+    ground = box("ground", (-1000, -1, -1000), (1000, 0, 1000))
+    wide = PreviewScene.of(build("wide", [ground, *town], [diffuse(WHITE)] * 7), Request())
+    assert alone.intensity <= wide.intensity < 3 * alone.intensity
+
+
+def test_the_first_page_shows_what_surrounds_a_scene():
+    houses = [box(f"house {k}", (8.0 * k, 0, 0), (8.0 * k + 4, 6, 4)) for k in range(2)]
+    scene = under_sky(build("houses", houses, [diffuse(WHITE)] * 2))
+    document, _ = unpack(PreviewScene.of(scene, Request()).glb({}))
+    assert document["extensions"][EXTENSION]["environment"] == {"radiance": [1.0, 1.0, 1.0]}

@@ -25,6 +25,8 @@ import {
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { readCore } from "../runtime/src/core-record.ts";
+import { clippingPlanes, coreOf } from "../runtime/src/core.ts";
 import { half } from "../runtime/src/probes/file.ts";
 import { meteredExposure } from "./exposure.ts";
 
@@ -72,7 +74,7 @@ class Page {
   }
 
   async start(): Promise<void> {
-    const { scene } = await new GLTFLoader().parseAsync(bytesIn("lightwell-scene"), "");
+    const { scene, parser } = await new GLTFLoader().parseAsync(bytesIn("lightwell-scene"), "");
     const lights: Object3D[] = [];
     const seen = new Set<Material>();
     scene.traverse((part) => {
@@ -88,7 +90,11 @@ class Page {
     });
     for (const light of lights) light.removeFromParent();
     this.scene.add(scene);
-    this.bounds.setFromObject(scene);
+    const all = new Box3().setFromObject(scene);
+    // The part that is looked at, without a dome of sky, where the file says so.
+    const declared = (parser.json as { extensions?: Record<string, { core?: unknown }> }).extensions?.LIGHTWELL_neural_radiance?.core;
+    this.bounds.copy(coreOf(readCore(declared, "core"), all));
+    [this.camera.near, this.camera.far] = clippingPlanes(this.bounds, all);
     const middle = this.bounds.getCenter(new Vector3());
     const size = this.bounds.getSize(new Vector3());
     this.camera.position.copy(middle).add(new Vector3(0.1, 1.05, 0.95).multiplyScalar(0.95 * Math.max(size.x, size.z) * Math.max(1, (1.1 * innerHeight) / innerWidth)));

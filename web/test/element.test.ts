@@ -130,3 +130,17 @@ it("shows a poster and how much has come, waits until it is near, and says what 
   await page.evaluate(() => document.querySelector("lightwell-viewer")!.setAttribute("controls", ""));
   expect((await state()).tab).toBe(0);
 });
+
+it("shows what surrounds a scene", async () => {
+  const tamper = (json: any) => void (json.extensions.LIGHTWELL_neural_radiance.environment = { radiance: [0.25, 0.5, 1] });
+  site.put("/sky.glb", writeGlb(plainRoom({ tamper })));
+  const { page, errors } = await open("sky", '<lightwell-viewer src="/sky.glb" camera="0 1 3 / 0 1 5" tone-mapping="none" exposure="1"></lightwell-viewer>');
+  await loaded(page, 1);
+  const pixel = await page.evaluate(() => {
+    const canvas = document.querySelector("lightwell-viewer")!.shadowRoot!.querySelector("canvas")!;
+    return Array.from(canvas.getContext("2d")!.getImageData(canvas.width / 2, canvas.height / 2, 1, 1).data);
+  });
+  // sRGB of 0.25, 0.5 and 1.
+  pixel.forEach((x, i) => expect(Math.abs(x - [137, 188, 255, 255][i]!)).toBeLessThanOrEqual(1));
+  expect(errors).toEqual([]);
+});

@@ -59,6 +59,13 @@ async function learned(glb: Uint8Array) {
   };
 }
 
+/** A grey picture of one texel, and the texture that is what surrounds the scene. */
+const GREY = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNoAAAAggCBd81ytgAAAABJRU5ErkJggg==";
+const surrounded = (json: Json) => {
+  Object.assign(json, { images: [{ uri: `data:image/png;base64,${GREY}` }], textures: [{ source: 0 }] });
+  json.extensions.LIGHTWELL_neural_radiance.environment = { radiance: [2, 2, 2], texture: 0 };
+};
+
 const FILES: [string, Uint8Array][] = [
   ["a field with a lamp, and a still one", writeGlb(plainRoom({ fields: [linearField(), stillField()] }))],
   ["a light map with pictures", LIGHTMAP],
@@ -194,4 +201,20 @@ it("ships a configuration for the command line", async () => {
   const glb = await io.writeBinary(await io.readBinary(LIGHTMAP));
   expect(await learned(glb)).toEqual(await learned(LIGHTMAP));
   expect(open(glb).json.extensionsUsed).toEqual(expect.arrayContaining(["LIGHTWELL_neural_radiance", "MOZ_lightmap"]));
+});
+
+it("keeps what surrounds a scene, with its picture", async () => {
+  const io = new NodeIO().registerExtensions([NeuralRadiance, ...OTHERS]);
+  const document = await io.readBinary(writeGlb(plainRoom({ tamper: surrounded })));
+  // A texture in front shifts the index.
+  const first = document.createTexture("in the way").setImage(new Uint8Array(Buffer.from(GREY, "base64"))).setMimeType("image/png");
+  document.getRoot().listMaterials()[0]!.setBaseColorTexture(first);
+  const property = document.getRoot().getExtension<NeuralRadianceProperty>("LIGHTWELL_neural_radiance")!;
+  const picture = property.getTexture("environment")!;
+  expect(Buffer.from(picture.getImage()!).toString("base64")).toBe(GREY);
+  picture.setName("sky");
+  const { json } = open(await io.writeBinary(document));
+  const { environment } = json.extensions.LIGHTWELL_neural_radiance;
+  expect(environment).toEqual({ radiance: [2, 2, 2], texture: expect.any(Number) });
+  expect(json.images[json.textures[environment.texture].source].name).toBe("sky");
 });

@@ -3,6 +3,8 @@
 import { fail, integer, list, number, record, text } from "./checks.ts";
 import type { GltfJson } from "./container.ts";
 import { LIMITS } from "./limits.ts";
+import { type CoreRecord, readCore } from "./core-record.ts";
+import { type EnvironmentRecord, readEnvironment } from "./environment.ts";
 import { BUDGET, type Budget, overBudget } from "./graph/budget.ts";
 import { evaluate } from "./graph/evaluate.ts";
 import { readGraphOf } from "./graph/graph.ts";
@@ -46,6 +48,10 @@ export interface NeuralRadiance {
   readonly probes: readonly FieldRecord[];
   /** Linear factor before tone mapping that suits the scene; null when the file says none. */
   readonly exposure: number | null;
+  /** The part of the scene that is looked at; null where it is all of it. */
+  readonly core: CoreRecord | null;
+  /** What surrounds the scene; null where nothing does, or nothing that stands still. */
+  readonly environment: EnvironmentRecord | null;
 }
 
 /** Largest factor of an exposure, and one over the smallest. */
@@ -131,8 +137,10 @@ export async function readExtension(
   for (const { name, graph } of probes) {
     for (const input of graph.inputs.keys()) if (!PROBE_INPUTS.test(input)) fail(`${EXTENSION}.probes '${name}'`, `inputs of the air, found ${input}`);
   }
-  const { exposure } = extension;
-  return { variables, movers, lamps, fields, probes, exposure: exposure === undefined ? null : number(exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE) };
+  const exposure = extension.exposure === undefined ? null : number(extension.exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE);
+  const core = readCore(extension.core, `${EXTENSION}.core`);
+  const environment = readEnvironment(extension.environment, `${EXTENSION}.environment`, json.textures, lamps.length);
+  return { variables, movers, lamps, fields, probes, exposure, core, environment };
 }
 
 /** What the parts of the extension are read from. */

@@ -38,7 +38,7 @@ interface INeuralRadiance extends IProperty {
 }
 
 /**
- * The extension at the root. `getJson` is its JSON as it was read, where every `accessor` and `texture` of a buffer is
+ * The extension at the root. `getJson` is its JSON as it was read, where every `accessor` and `texture` of a buffer, and the `texture` of the environment, is
  * the name of the accessor or texture that is referred to.
  */
 export class NeuralRadianceProperty extends ExtensionProperty<INeuralRadiance> {
@@ -153,7 +153,7 @@ function unpadded(context: ReaderContext, accessor: Accessor, index: number): Ac
   return accessor.setArray(all.filter((_: number, i: number) => i % step === 0) as typeof array);
 }
 
-/** Changes the references of every buffer; `name` is unique in the file. */
+/** Changes the references of every buffer, and that of the environment; `name` is unique in the file. */
 function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): Json {
   for (const table of ["fields", "probes"]) {
     for (const [i, field] of list(json[table] ?? [], `${EXTENSION}.${table}`, MAX_ENTRIES).entries()) {
@@ -165,6 +165,9 @@ function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): J
       }
     }
   }
+  if (json.environment === undefined) return json;
+  const environment = record(json.environment, `${EXTENSION}.environment`);
+  if (environment.texture !== undefined) Object.assign(environment, change(environment, "environment"));
   return json;
 }
 

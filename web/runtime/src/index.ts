@@ -16,6 +16,9 @@ export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky } from "./lamp.t
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions } from "./learned-scene.ts";
 export type { Look } from "./look.ts";
+export type { Environment, EnvironmentPicture, EnvironmentRecord } from "./environment.ts";
+export { clippingPlanes } from "./core.ts";
+export type { CoreRecord } from "./core-record.ts";
 export { EXTENSION } from "./extension-name.ts";
 export { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
 export { loadLight } from "./load-light.ts";

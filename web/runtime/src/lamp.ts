@@ -9,7 +9,7 @@ import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 const POINT_SHADOW_SIZE = 1024;
 const SUN_SHADOW_SIZE = 2048;
-/** Nearest occluder of a point light as a share of the scene's diagonal. */
+/** Nearest occluder of a point light as a share of the diagonal of what is looked at. */
 const NEAR_SHARE = 5e-4;
 /** A light has been moved by hand when it is farther than this from where it was put, as a share of its distance from the origin. */
 const MOVED = 1e-5;
@@ -42,9 +42,9 @@ export interface Lamp {
   dispose(): void;
 }
 
-/** The lamp of a declared light in a scene with the given bounds (of the root's space). */
-export function createLamp(variable: Variable, bounds: Box3, placement: Placement): Lamp {
-  return variable.kind === "point" ? new PointLamp(variable, bounds, placement) : new SunLamp(variable, bounds, placement);
+/** The lamp of a declared light in a scene with the given bounds and the part of them that is looked at (of the root's space). */
+export function createLamp(variable: Variable, bounds: Box3, placement: Placement, core = bounds): Lamp {
+  return variable.kind === "point" ? new PointLamp(variable, bounds, placement, core) : new SunLamp(variable, bounds, placement, core);
 }
 
 /** What both kinds share: colour, intensity, and the version of their shadow. */
@@ -130,14 +130,17 @@ function inverse({ r, g, b }: Color): Color {
 export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
   private readonly low: Vector3;
   private readonly high: Vector3;
-  private readonly diagonal: number;
+  /** Distances of the nearest and the farthest occluder, metres of the root. */
+  private readonly near: number;
+  private readonly far: number;
 
-  constructor(variable: PointVariable, bounds: Box3, placement: Placement) {
+  constructor(variable: PointVariable, bounds: Box3, placement: Placement, core = bounds) {
     super(variable, new PointLight(0xffffff, 1, 0, 2), placement);
     this.low = new Vector3(...variable.low);
     this.high = new Vector3(...variable.high);
-    const reach = bounds.clone().expandByPoint(this.low).expandByPoint(this.high);
-    this.diagonal = Math.max(reach.getSize(new Vector3()).length(), 1e-6);
+    const diagonal = (box: Box3) => Math.max(box.clone().expandByPoint(this.low).expandByPoint(this.high).getSize(new Vector3()).length(), 1e-6);
+    this.near = NEAR_SHARE * diagonal(core);
+    this.far = 1.01 * diagonal(bounds);
     this.object.shadow.mapSize.set(POINT_SHADOW_SIZE, POINT_SHADOW_SIZE);
     this.fitShadow();
     this.move(new Vector3(...variable.initial));
@@ -158,8 +161,8 @@ export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
 
   protected fitShadow(): void {
     const { camera } = this.object.shadow;
-    camera.near = this.scale * this.diagonal * NEAR_SHARE;
-    camera.far = this.scale * this.diagonal * 1.01;
+    camera.near = this.scale * this.near;
+    camera.far = this.scale * this.far;
     camera.updateProjectionMatrix();
     this.shadowVersion++;
   }
@@ -169,17 +172,21 @@ export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
   }
 }
 
-/** A distant light in lux, with a shadow map that fits the scene's bounding sphere. */
+/** A distant light in lux, with a shadow map that fits the bounding sphere of what is looked at; all of the scene casts into it. */
 export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   readonly arc: Arc;
   /** Where on the arc the sun is, 0 to 1. */
   time = 0;
   private readonly reach: Sphere;
+  /** How far from its centre the scene goes on. */
+  private readonly beyond: number;
 
-  constructor(variable: SunVariable, bounds: Box3, placement: Placement) {
+  constructor(variable: SunVariable, bounds: Box3, placement: Placement, core = bounds) {
     super(variable, new DirectionalLight(0xffffff, 1), placement);
     this.arc = new Arc(variable.start, variable.middle, variable.end);
-    this.reach = bounds.getBoundingSphere(new Sphere());
+    this.reach = core.getBoundingSphere(new Sphere());
+    const all = bounds.getBoundingSphere(new Sphere());
+    this.beyond = Math.max(all.radius + all.center.distanceTo(this.reach.center), this.reach.radius);
     this.object.shadow.mapSize.set(SUN_SHADOW_SIZE, SUN_SHADOW_SIZE);
     this.fitShadow();
     this.move(new Vector3(...variable.initial));
@@ -206,7 +213,7 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
       this.filter.setRGB(...sunlightAt(sky, this.time));
     }
     const { center, radius } = this.reach;
-    this.placement.put(this.object, new Vector3().copy(center).addScaledVector(this.value, 2 * radius));
+    this.placement.put(this.object, new Vector3().copy(center).addScaledVector(this.value, radius + this.beyond));
     this.placement.put(this.object.target, center);
     this.shadowVersion++;
     return false;
@@ -220,7 +227,8 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
     const radius = this.scale * this.reach.radius;
     const { camera } = this.object.shadow;
     [camera.left, camera.right, camera.bottom, camera.top] = [-radius, radius, -radius, radius];
-    [camera.near, camera.far] = [radius * 0.9, radius * 3.1];
+    // From the first caster to the last surface that is looked at, and a tenth more.
+    [camera.near, camera.far] = [radius * 0.9, radius * 2.1 + this.scale * this.beyond];
     camera.updateProjectionMatrix();
     this.shadowVersion++;
   }

@@ -2,10 +2,12 @@
 
 import type { Material, Object3D } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import type { EnvironmentPicture } from "./environment.ts";
 import type { NeuralRadiance } from "./extension.ts";
 import type { LampPlayer } from "./lamp-clips.ts";
 import type { Lightmap } from "./lightmap.ts";
 import type { Mover } from "./movers.ts";
+import { NO_LIGHT } from "./no-light.ts";
 import type { LampSwitch } from "./switches.ts";
 
 export type { Lightmap };
@@ -18,10 +20,12 @@ export interface LoadedLight extends NeuralRadiance {
   readonly moving: ((root: Object3D) => Mover[]) | null;
   /** Makes what plays animations of `lamps`; null where the file has none. */
   readonly playing: ((switches: readonly LampSwitch[]) => LampPlayer) | null;
+  /** The picture of `environment`; null where it has none. */
+  readonly surrounding: EnvironmentPicture | null;
 }
 
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
 export function learnedLight(gltf: GLTF): LoadedLight {
   const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { variables: [], movers: [], moving: null, playing: null, lamps: [], fields: [], probes: [], exposure: null, lightmaps: new Map() };
+  return found ?? { ...NO_LIGHT, moving: null, playing: null, surrounding: null, lightmaps: new Map() };
 }

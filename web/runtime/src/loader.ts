@@ -13,6 +13,7 @@ import { EXTENSION } from "./extension-name.ts";
 import type { Lightmap, LoadedLight } from "./loaded-light.ts";
 import type { MoverRecord } from "./mover-record.ts";
 import type { Mover } from "./movers.ts";
+import { NO_LIGHT } from "./no-light.ts";
 
 const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
 
@@ -88,7 +89,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     if (radiance || lightmaps.size > 0) {
       const moving = radiance?.movers.length ? await makerOf(radiance.movers, parser) : null;
       const playing = radiance?.lamps.length && (parser.json as GltfJson).animations ? await playerOf(radiance.lamps.length, parser) : null;
-      const loaded: LoadedLight = { ...(radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }), lightmaps, moving, playing };
+      const loaded: LoadedLight = { ...(radiance ?? NO_LIGHT), lightmaps, moving, playing, surrounding: await surroundingOf(radiance, parser) };
       gltf.userData.lightwell = loaded;
     }
   }
@@ -105,6 +106,14 @@ async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Pro
   };
   const loaded = await Promise.all(records.map(load));
   return (root) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip));
+}
+
+/** The picture of what surrounds a scene. What decodes it is loaded where there is one. */
+async function surroundingOf(radiance: NeuralRadiance | null, parser: GLTFParser): Promise<LoadedLight["surrounding"]> {
+  const texture = radiance?.environment?.texture ?? null;
+  if (texture === null) return null;
+  const [{ environmentPicture }, data] = await Promise.all([import("./environment-picture.ts"), loadData(parser, texture)]);
+  return environmentPicture(data, `textures[${texture}]`);
 }
 
 /** What plays the animations of lamps of a file, loaded where it may have some. */

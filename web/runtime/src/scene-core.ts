@@ -2,6 +2,8 @@
 
 import { type Box3, type Camera, Color, type Group, type Material, type Object3D, type Scene, type Texture, Vector3 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import { coreOf } from "./core.ts";
+import type { Environment } from "./environment.ts";
 import type { FieldRecord } from "./extension.ts";
 import type { LampAnimation, LampClip, LampPlayer, PlayOptions } from "./lamp-clips.ts";
 import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
@@ -63,6 +65,10 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   readonly root: Group;
   /** Of the meshes, in the space of the root. */
   readonly bounds: Box3;
+  /** The part of the bounds that is looked at: all of it, but for ground of kilometres and domes of sky. Lengths that suit the eye are shares of it. */
+  readonly core: Box3;
+  /** What surrounds the scene and stands still; null where nothing does. */
+  readonly environment: Environment | null;
   readonly variables: readonly Variable[];
   /** Linear factor before tone mapping that suits the scene, for `renderer.toneMappingExposure`; null when the file says none. */
   readonly exposure: number | null;
@@ -91,11 +97,12 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, moving, playing, lamps, fields, probes, lightmaps, exposure } = learnedLight(gltf);
+    const { variables, moving, playing, lamps, fields, probes, lightmaps, exposure, core, environment, surrounding } = learnedLight(gltf);
     this.probes = probes;
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
     this.switches = this.ownLamps.all;
+    this.environment = environment && { radiance: environment.radiance, picture: surrounding, lamp: this.switches[environment.lamp ?? -1] ?? null };
     this.player = playing?.(this.switches) ?? null;
     this.root = gltf.scene;
     this.options = options;
@@ -104,8 +111,9 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.variables = variables;
     this.placement = new Placement(this.root);
     this.bounds = boundsOf(this.root);
+    this.core = coreOf(core, this.bounds);
     this.movers = moving?.(this.root) ?? [];
-    this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement));
+    this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement, this.core));
     this.fields = fields.map((record, i) => make(record, i, fields.length));
   }
 
@@ -183,6 +191,11 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   /** Whether any field follows a declared light. */
   get hasIndirectLight(): boolean {
     return this.fields.some((field) => field.record.role === "indirect");
+  }
+
+  /** Whether anything is seen behind the scene: a sky of its suns, or what surrounds it. `SkyBackground` draws it. */
+  get hasSky(): boolean {
+    return this.environment !== null || sunsWithSky(this.lamps).length > 0;
   }
 
   /** Whether the file has probes, which light what `addLit` is given. */
@@ -338,7 +351,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   addLamp(variable = 0): Lamp | null {
     const declared = this.variables[variable];
     if (!declared || this.lamps.length >= MAX_LAMPS) return null;
-    const lamp = createLamp(declared, this.bounds, this.placement);
+    const lamp = createLamp(declared, this.bounds, this.placement, this.core);
     const alike = this.lamps.filter((other) => other.variable === declared);
     lamp.move(roomiestPlace(lamp, alike));
     lamp.intensity *= ADDED_SHARE;

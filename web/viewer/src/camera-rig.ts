@@ -1,5 +1,6 @@
 /** The eye: a perspective camera on an orbit, which keeps a framed picture whole on any canvas. */
 
+import { clippingPlanes } from "lightwell";
 import { type Box3, MathUtils, MOUSE, PerspectiveCamera, Vector3 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { CameraData } from "./page-data.ts";
@@ -12,7 +13,7 @@ export class CameraRig {
   /** Width ÷ height of the picture that must stay whole. */
   private frameAspect = 1;
   private canvasAspect = 1;
-  /** Diagonal of the scene, metres. */
+  /** Diagonal of what is looked at, metres. */
   private size = 1;
 
   constructor(canvas: HTMLElement) {
@@ -23,12 +24,11 @@ export class CameraRig {
     this.controls.mouseButtons = { LEFT: MOUSE.ROTATE, MIDDLE: MOUSE.DOLLY, RIGHT: MOUSE.PAN };
   }
 
-  /** Distances that suit a scene of this size. */
-  fit(bounds: Box3): void {
-    const size = Math.max(bounds.getSize(new Vector3()).length(), 1e-6);
+  /** Distances that suit a scene. Args: the part that is looked at; all of it. */
+  fit(core: Box3, bounds: Box3): void {
+    const size = Math.max(core.getSize(new Vector3()).length(), 1e-6);
     this.size = size;
-    this.camera.near = size * 2e-3;
-    this.camera.far = size * 40;
+    [this.camera.near, this.camera.far] = clippingPlanes(core, bounds);
     this.controls.minDistance = size * 5e-3;
     this.controls.maxDistance = size * 10;
   }
@@ -49,7 +49,7 @@ export class CameraRig {
     return { position: this.camera.position.toArray(), target: this.controls.target.toArray(), fovY: this.camera.fov };
   }
 
-  /** Move eye and target along the axes of the eye (right, up, ahead; shares of the scene's diagonal), and turn by radians. */
+  /** Move eye and target along the axes of the eye (right, up, ahead; shares of the diagonal of what is looked at), and turn by radians. */
   fly([right, up, ahead]: readonly [number, number, number], turn: number): void {
     const { camera, controls, size } = this;
     const step = new Vector3(right, up, -ahead).applyQuaternion(camera.quaternion).multiplyScalar(size);
@@ -106,7 +106,7 @@ export class CameraRig {
   }
 }
 
-/** A camera that sees the whole of a scene. */
+/** A camera that sees the whole of a box. */
 export function overview(bounds: Box3): CameraData {
   const center = bounds.getCenter(new Vector3());
   const radius = Math.max(bounds.getSize(new Vector3()).length() / 2, 1e-6);

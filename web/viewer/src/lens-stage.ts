@@ -88,7 +88,7 @@ export class LensStage {
   private prepare({ parts, exposure, glowing }: LensView): void {
     this.learned.show(parts);
     this.learned.update(this.renderer);
-    this.surroundings.update(exposure, glowing);
+    this.surroundings.update(exposure, glowing, parts.still);
   }
 
   private followLampCount(page: LearnedScene): boolean {

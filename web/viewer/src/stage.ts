@@ -32,7 +32,7 @@ export class Stage {
     this.learned = learned;
     scene.add(learned.root);
     this.surroundings = new Surroundings(scene, learned);
-    this.object = learned.hasProbes ? new TestObject(learned.bounds) : null;
+    this.object = learned.hasProbes ? new TestObject(learned.core) : null;
     scene.background = this.surroundings.sky?.texture ?? null;
     return learned;
   }
@@ -75,7 +75,7 @@ export class Stage {
   prepare(parts: Parts, exposure: number, glowing: boolean): void {
     this.learned?.show(parts);
     this.learned?.update();
-    this.surroundings?.update(exposure, glowing);
+    this.surroundings?.update(exposure, glowing, parts.still);
     if (this.object) this.object.mesh.visible = glowing && this.object.shown;
   }
 

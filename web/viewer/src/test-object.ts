@@ -3,9 +3,9 @@
 import type { LearnedScene } from "lightwell";
 import { type Box3, Mesh, MeshStandardMaterial, TorusKnotGeometry, Vector3 } from "three";
 
-/** Its radius as a share of the scene's diagonal, and how much of the way from the eye to what it looks at it stands first. */
+/** Its radius as a share of the diagonal of what is looked at, and how much of the way from the eye to what it looks at it stands first. */
 const [SIZE, AHEAD] = [0.035, 0.8];
-/** How near to the scene's bounds it may come, as a share of them. */
+/** How near to the bounds of that it may come, as a share of them. */
 const MARGIN = 0.06;
 
 /** A knot that hangs in the air. */

@@ -48,7 +48,7 @@ export class Viewer extends ViewerFrames {
     this.fileBytes = asset.bytes;
     const learned = this.stage.put(asset, this.options.weights);
     this.against = this.options.against ?? "direct";
-    this.rig.fit(learned.bounds);
+    this.rig.fit(learned.core, learned.bounds);
     this.goHome();
     this.object?.meet(this.rig.camera.position, this.rig.controls.target);
     if (!learned.hasIndirectLight && !learned.hasStillLight) {
@@ -131,7 +131,7 @@ export class Viewer extends ViewerFrames {
   /** Camera and lights as they were baked. */
   goHome(): void {
     const { home, views } = this.page;
-    const camera = home ?? views[0]?.camera ?? overview(this.learned?.bounds ?? new Box3());
+    const camera = home ?? views[0]?.camera ?? overview(this.learned?.core ?? new Box3());
     this.leaveView();
     this.place(() => this.rig.place(camera, 1));
     this.resetLight();
@@ -148,7 +148,7 @@ export class Viewer extends ViewerFrames {
     this.changed();
   }
 
-  /** Move the eye along its axes (right, up, ahead; shares of the scene's diagonal), and turn it by radians. */
+  /** Move the eye along its axes (right, up, ahead; shares of the diagonal of what is looked at), and turn it by radians. */
   fly(step: readonly [number, number, number], turn: number): void {
     this.userMoved = true;
     this.rig.fly(step, turn);

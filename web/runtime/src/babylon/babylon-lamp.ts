@@ -15,7 +15,7 @@ import { pointShadow, sunShadow } from "../engines/point-shadow.ts";
 
 const POINT_SHADOW_SIZE = 1024;
 const SUN_SHADOW_SIZE = 2048;
-/** Nearest occluder of a point light as a share of the scene's diagonal. */
+/** Nearest occluder of a point light as a share of the diagonal of what is looked at. */
 const NEAR_SHARE = 5e-4;
 /** The light has been moved by hand when it is farther than this from where it was put. */
 const MOVED = 1e-5;
@@ -28,6 +28,8 @@ export interface Stand {
   readonly meshes: readonly AbstractMesh[];
   /** Diagonal of the scene, metres of the world. */
   readonly diagonal: number;
+  /** Diagonal of the part that is looked at. */
+  readonly core: number;
   readonly toWorld: Matrix;
   readonly toFile: Matrix;
 }
@@ -158,7 +160,7 @@ export class BabylonLamp {
     const key = [...lamp.value, ...stand.toWorld.asArray(), shadows.getShadowMap()!.renderList?.length].join();
     if (key === this.drawn) return;
     this.drawn = key;
-    object.shadowMinZ = stand.diagonal * NEAR_SHARE;
+    object.shadowMinZ = stand.core * NEAR_SHARE;
     object.shadowMaxZ = stand.diagonal * 1.01;
     if (object instanceof DirectionalLight) {
       object.shadowMinZ = object.shadowMaxZ = undefined as never;

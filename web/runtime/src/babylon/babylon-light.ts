@@ -13,6 +13,7 @@ import type { Scene } from "@babylonjs/core/scene.js";
 import { isClear } from "../clear-glass.ts";
 import { EngineLight, type EngineParts } from "../engines/engine-light.ts";
 import { SHADOW_TAPS } from "../engines/point-shadow.ts";
+import { coreDiagonal } from "../core-record.ts";
 import type { NeuralRadiance } from "../extension.ts";
 import type { TexelTexture } from "../graph/glsl.ts";
 import { BabylonLamp } from "./babylon-lamp.ts";
@@ -38,7 +39,7 @@ export class LearnedLight implements PluginSource {
   private readonly light: EngineLight;
   private readonly textures = new Map<string, BaseTexture>();
   private readonly plugins: LearnedLightPlugin[] = [];
-  private readonly stand: { root: AbstractMesh; meshes: AbstractMesh[]; diagonal: number; toWorld: Matrix; toFile: Matrix };
+  private readonly stand: { root: AbstractMesh; meshes: AbstractMesh[]; diagonal: number; core: number; toWorld: Matrix; toFile: Matrix };
   private readonly observer: { remove(): void };
   private readonly undo: (() => void)[] = [];
 
@@ -46,8 +47,10 @@ export class LearnedLight implements PluginSource {
     this.root = root;
     this.light = new EngineLight(radiance, weights);
     const { min, max } = root.getHierarchyBoundingVectors();
-    this.stand = { root, meshes: root.getChildMeshes(), diagonal: max.subtract(min).length() || 1, toWorld: Matrix.Identity(), toFile: Matrix.Identity() };
+    const diagonal = max.subtract(min).length() || 1;
+    this.stand = { root, meshes: root.getChildMeshes(), diagonal, core: diagonal, toWorld: Matrix.Identity(), toFile: Matrix.Identity() };
     this.place();
+    if (radiance.core) this.stand.core = Math.min(diagonal, coreDiagonal(radiance.core) * Math.cbrt(Math.abs(this.stand.toWorld.determinant())));
     this.removeOwnLights();
     this.lamps = this.light.lamps.map((lamp, i) => new BabylonLamp(lamp, i, scene, this.stand));
     this.code = this.light.code(`${SHADOW_TAPS}\n${this.lamps.map((lamp) => lamp.code).join("\n")}`, new Set(this.lamps.keys()));

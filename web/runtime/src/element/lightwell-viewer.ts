@@ -5,7 +5,6 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
-import { sunsWithSky } from "../lamp.ts";
 import { SkyBackground } from "../sky-background.ts";
 import { readMoverValues } from "../mover-values.ts";
 import { readLampSettings } from "../switches.ts";
@@ -36,7 +35,7 @@ interface Shown {
   readonly gltf: GLTF;
   readonly learned: LearnedScene;
   readonly scene: Scene;
-  /** The sky behind it; null where no sun of the file has one. */
+  /** The sky behind it; null where the file has none. */
   readonly sky: SkyBackground | null;
 }
 
@@ -145,7 +144,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const learned = new LearnedScene(gltf, { renderer });
       const scene = new Scene();
       scene.add(learned.root);
-      const sky = sunsWithSky(learned.lamps).length > 0 ? new SkyBackground() : null;
+      const sky = learned.hasSky ? new SkyBackground(learned.environment) : null;
       scene.background = sky?.texture ?? null;
       this.shown = { gltf, learned, scene, sky };
       for (const name of ["camera", "light", "day", "movers"]) this.apply(name);
@@ -227,7 +226,7 @@ export class LightwellViewer extends ElementBase implements Client {
   }
 
   private look(asked: string | null, { gltf, learned }: Shown): void {
-    const target = placeCamera(this.camera, asked, gltf, learned.bounds);
+    const target = placeCamera(this.camera, asked, gltf, learned);
     this.camera.lookAt(target);
     this.orbit?.target.copy(target);
     this.orbit?.update();

@@ -1,10 +1,17 @@
 /** Where an element looks from. */
 
-import { Box3, PerspectiveCamera, Vector3 } from "three";
+import { type Box3, PerspectiveCamera, Vector3 } from "three";
 import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import { clippingPlanes } from "../core.ts";
 import { vectors } from "./attributes.ts";
 
 const FIELD_OF_VIEW = 40;
+
+/** A scene: all of it, and the part that is looked at. */
+interface Extent {
+  readonly bounds: Box3;
+  readonly core: Box3;
+}
 
 /**
  * Put a camera where an element's attribute `camera` says: at the camera of the file with this name, at "eye / target", at the first
@@ -12,14 +19,14 @@ const FIELD_OF_VIEW = 40;
  *
  * Returns the point that it looks at.
  */
-export function placeCamera(camera: PerspectiveCamera, asked: string | null, gltf: GLTF, bounds: Box3): Vector3 {
-  const size = Math.max(bounds.getSize(new Vector3()).length(), 1e-6);
-  const center = bounds.getCenter(new Vector3());
+export function placeCamera(camera: PerspectiveCamera, asked: string | null, gltf: GLTF, { bounds, core }: Extent): Vector3 {
+  const size = Math.max(core.getSize(new Vector3()).length(), 1e-6);
+  const center = core.getCenter(new Vector3());
   const own = gltf.cameras.filter((found) => found instanceof PerspectiveCamera);
   const named = own.find(({ name }) => name === asked);
   const places = named ? null : vectors(asked);
   const file = named ?? (places ? undefined : own[0]);
-  [camera.near, camera.far] = [size * 2e-3, size * 40];
+  [camera.near, camera.far] = clippingPlanes(core, bounds);
   camera.fov = file?.fov ?? FIELD_OF_VIEW;
   const [eye, target] = file ? seenBy(file, center) : (places ?? overview(center, size));
   camera.position.copy(eye!);

@@ -18,8 +18,6 @@ import {
 export const CUBE_SIZE = 1024;
 /** Name of the pass, in which materials of the file write their distance from the camera. */
 export const DISTANCE_PASS = "lightwelldistance";
-/** Nearest occluder as a share of the farthest distance. */
-const NEAR_SHARE = 5e-4;
 /** What lies in a direction without a surface. */
 const NOTHING = new Color(1e9, 1e9, 1e9, 1);
 /** Before every other camera. */
@@ -27,13 +25,19 @@ const PRIORITY = -1000;
 /** Euler angles of the cameras, degrees, in the order of the faces. */
 const FACES = [[0, 90, 180], [0, -90, 180], [90, 0, 0], [-90, 0, 0], [0, 180, 180], [0, 0, 180]] as const;
 
+/** Distances of the nearest and the farthest occluder, metres of the world. */
+export interface Reach {
+  readonly near: number;
+  readonly far: number;
+}
+
 /** Six cameras that draw a layer when they are asked to. */
 export class DistanceCube {
   readonly texture: Texture;
   private readonly eyes: readonly Entity[];
   private readonly targets: readonly RenderTarget[];
 
-  constructor(app: AppBase, layer: Layer, reach: number) {
+  constructor(app: AppBase, layer: Layer, { near, far }: Reach) {
     this.texture = new Texture(app.graphicsDevice, {
       name: "lightwell distances",
       cubemap: true,
@@ -45,7 +49,7 @@ export class DistanceCube {
       const eye = new Entity(`lightwell distances ${face}`, app);
       eye.addComponent("camera", {
         ...{ renderTarget: this.targets[face]!, layers: [layer.id], priority: PRIORITY, clearColor: NOTHING },
-        ...{ aspectRatioMode: ASPECT_MANUAL, aspectRatio: 1, fov: 90, nearClip: reach * NEAR_SHARE, farClip: reach },
+        ...{ aspectRatioMode: ASPECT_MANUAL, aspectRatio: 1, fov: 90, nearClip: near, farClip: far },
       });
       eye.setEulerAngles(x, y, z);
       eye.camera!.setShaderPass(DISTANCE_PASS);

@@ -21,6 +21,7 @@ import {
   Vec3,
 } from "playcanvas";
 import { FormatError, type Vec3 as Triple } from "../checks.ts";
+import { coreDiagonal } from "../core-record.ts";
 import { isClear } from "../clear-glass.ts";
 import type { EngineLamp } from "../engines/engine-lamp.ts";
 import { EngineLight, type EngineParts } from "../engines/engine-light.ts";
@@ -28,10 +29,12 @@ import { pointShadow, SHADOW_TAPS } from "../engines/point-shadow.ts";
 import type { NeuralRadiance } from "../extension.ts";
 import type { TexelTexture } from "../graph/glsl.ts";
 import { chunksOf } from "./chunks.ts";
-import { CUBE_SIZE, DistanceCube } from "./distance-cube.ts";
+import { CUBE_SIZE, DistanceCube, type Reach } from "./distance-cube.ts";
 
 /** Version of PlayCanvas's shader chunks that ours are written for. */
 const CHUNKS_VERSION = "2.7";
+/** Nearest occluder as a share of the diagonal of what is looked at. */
+const NEAR_SHARE = 5e-4;
 /** The lamp has been moved by hand when it is farther than this from where it was put. */
 const MOVED = 1e-5;
 
@@ -77,7 +80,8 @@ export class LearnedLight {
       throw new FormatError("lightwell/playcanvas: expected a field of places and directions, found one that reads texture coordinates; show it with three.js or Babylon.js");
     this.root.addChild((asset.resource as ContainerResource).instantiateRenderEntity());
     const instances = (this.root.findComponents("render") as RenderComponent[]).flatMap((render) => render.meshInstances);
-    const reach = 1.01 * diagonalOf(instances);
+    const diagonal = diagonalOf(instances);
+    const reach = { near: NEAR_SHARE * Math.min(diagonal, radiance.core ? coreDiagonal(radiance.core) : diagonal), far: 1.01 * diagonal };
     app.scene.layers.push(this.layer);
     this.layer.addMeshInstances(instances);
     this.shadowed = this.light.lamps.map((lamp) => this.createLamp(lamp, reach));
@@ -118,7 +122,7 @@ export class LearnedLight {
     for (const { cube } of this.shadowed) cube?.rest();
   }
 
-  private createLamp(lamp: EngineLamp, reach: number): Shadowed {
+  private createLamp(lamp: EngineLamp, reach: Reach): Shadowed {
     const entity = new Entity(lamp.variable.name);
     this.root.addChild(entity);
     const put = () => entity.setLocalPosition(...lamp.value);

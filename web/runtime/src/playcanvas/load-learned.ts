@@ -4,6 +4,7 @@ import { type AppBase, Asset } from "playcanvas";
 import { FormatError } from "../checks.ts";
 import { checkContainer, checkSelfContained, readContainer } from "../container.ts";
 import { readExtension } from "../extension.ts";
+import { NO_LIGHT } from "../no-light.ts";
 import { LearnedLight, type LearnedLightOptions } from "./learned-light.ts";
 
 /**
@@ -36,7 +37,7 @@ export async function loadLearned(app: AppBase, source: string | ArrayBuffer, op
     app.assets.add(asset);
     app.assets.load(asset);
   });
-  return new LearnedLight(app, asset, radiance ?? { variables: [], movers: [], lamps: [], fields: [], probes: [], exposure: null }, options);
+  return new LearnedLight(app, asset, radiance ?? NO_LIGHT, options);
 }
 
 async function download(url: string): Promise<ArrayBuffer> {
