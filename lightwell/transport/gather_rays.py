@@ -9,7 +9,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.transport.interactions import coverage, upload
 from lightwell.transport.path_numbers import random_streams
-from lightwell.transport.sky_source import cell_of
+from lightwell.transport.sky_source import CELLS, cell_of
 
 # Mirrors, glass and cut-outs that a ray passes at most.
 PASSED = 12
@@ -116,14 +116,16 @@ def beyond(
     Args:
         count: Number of bins.
         weight: [R] weight of what rays met.
-        index: [R] bins that they met.
+        index: [R] bins that they met, ``count`` where there is none.
         away: [R] weight and direction of rays that left the scene.
 
     Returns:
-        Weight and index of all rays.
+        Weight and index of all rays; ``count + CELLS``, which is dark, where there is neither bin nor sky.
     """
     through, way = away
     free = (dr.max(through) > 0) & (way.y > 0)
+    # The number of no bin is that of the first cell: light of the horizon would appear in closed rooms.
+    index = dr.select(index < count, index, count + CELLS)
     return dr.select(free, through, weight), dr.select(free, count + cell_of(way), index)
 
 

@@ -108,6 +108,18 @@ def test_gathered_light_of_a_day_is_that_of_paths(cornell, day, points):
     assert np.median(np.abs(found - truth).mean(axis=1) / (truth.mean(axis=1) + 0.01)) < 0.12
 
 
+def test_no_light_of_the_sky_enters_a_closed_room(day):
+    room = rooms.furnace(0.5)
+    # So few points find the bins that many rays meet none.
+    radiosity = Radiosity(room, draw_surface(room, 64, 1).points, 0, 4096)
+    rows = radiosity.rows(draw_surface(room, POINTS, 7).points, 32, 2, sky=True)
+    assert (rows.bin >= radiosity.bins.count).mean() > 0.1
+    gather = Gather(DeviceRows(rows), day_light(radiosity, day, suns(day), 3).irradiance)
+    for k in range(len(TIMES)):
+        halves = gather(np.arange(POINTS), np.full(POINTS, k))
+        assert not np.any(halves)
+
+
 def test_a_plane_under_an_even_sky_has_a_closed_form():
     floor, sky = rooms.plane(0.5), flat_sky(2.0)
     points = draw_surface(floor, 64, 1).points
