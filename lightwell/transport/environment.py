@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import drjit as dr
 import numpy as np
 
-from lightwell.backend import mi
+from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 
 # Places along each edge of a pixel at which the radiance is evaluated.

@@ -43,7 +43,7 @@ class LitPoints:
     chained: bool = False
     """Lights in an order in which each is near the one before."""
     core: bool = False
-    """Area-uniform in the core of the scene alone."""
+    """Area-uniform in the core of the scene alone; ``seen`` points are chosen without it."""
     run: int = 1
     """Rows one after the other that share a light; when all were used, the lights begin again."""
 
