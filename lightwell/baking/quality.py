@@ -223,18 +223,24 @@ def trace_patches(scene: Scene, variable: Variable | None, count: int, paths: in
         return None
     told = {"variable": None if variable is None else to_json(variable), "count": count, "seed": seed}
 
-    def traced(rows: np.ndarray, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        recipe = Recipe("patches", told, {"rows": rows.astype(np.uint32)})
+    def traced(patches: np.ndarray, each: int, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        recipe = Recipe("patches", told | {"each": each}, {"patches": patches.astype(np.uint32)})
+        rows = _rows_of(patches, each)
         if variable is None:
             return static(scene, candidates[rows], paths, seed, recipe=recipe)
         return indirect(scene, candidates[rows], light[rows], variable, paths, seed, recipe=recipe)
 
     # The middle point of each patch shows which ones are lit.
-    a, b = traced(np.arange(number) * POINTS, PATCH_PILOT_PATHS, seed)
+    a, b = traced(np.arange(number), 1, PATCH_PILOT_PATHS, seed)
     chosen = _spread_of_lit((a + b).mean(axis=-1), count)
-    rows = (chosen[:, None] * POINTS + np.arange(POINTS)).ravel()
-    a, b = traced(rows, paths, seed + EVALUATION_SEED)
+    a, b = traced(chosen, POINTS, paths, seed + EVALUATION_SEED)
+    rows = _rows_of(chosen, POINTS)
     return PatchReference(candidates[rows], light[rows], a, b)
+
+
+def _rows_of(patches: np.ndarray, each: int) -> np.ndarray:
+    """Numbers of the first points of some patches among all candidates, ``each`` of every patch."""
+    return (patches.astype(np.int64)[:, None] * POINTS + np.arange(each)).ravel()
 
 
 def _candidates(scene: Scene, variable: Variable | None, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
@@ -254,15 +260,15 @@ def patch_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> I
 
     Args:
         scene: What is lit.
-        settings: ``variable``, ``count`` and ``seed``, as of ``trace_patches``.
-        arrays: ``rows`` [N], points among all candidates.
+        settings: ``variable``, ``count`` and ``seed``, as of ``trace_patches``, and ``each``, points of a patch.
+        arrays: ``patches`` [K], numbers of patches among all candidates.
 
     Returns:
         Columns of ``SurfacePoints`` and, with a variable, ``light`` [N, 3].
     """
     variable = None if settings["variable"] is None else from_json(settings["variable"])
     points, light = _candidates(scene, variable, settings["count"], settings["seed"])
-    rows = arrays["rows"]
+    rows = _rows_of(arrays["patches"], settings["each"])
     return Inputs(columns_of(points[rows]) | ({} if variable is None else {"light": light[rows]}))
 
 

@@ -70,7 +70,8 @@ def connected(
             say(f"cluster: {client.dashboard_link}")
         source = SceneSource(_absolute(scene.source), scene.digest, loading)
         roster = Roster(client, source, fingerprint(), say, options.allow_mixed)
-        executor = DaskExecutor(scene, roster, connect, user_store(options.store), say)
+        near = options.cluster.startswith("local:")
+        executor = DaskExecutor(scene, roster, connect, user_store(options.store), say, near=near)
         try:
             yield executor
             say(executor.summary())

@@ -105,6 +105,14 @@ def test_units_carry_no_rows_and_give_the_bytes_of_one_process(scene, traced):
     assert moved.bytes_sent < MOST_BYTES * moved.units
 
 
+def test_workers_of_this_machine_get_the_rows(scene):
+    whole = references(load("cornell"))
+    scene.executor.near = True
+    found, moved = references(scene), scene.executor.moved
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(whole, found)) and moved.units == 4
+    assert moved.bytes_sent > 40 * POINTS
+
+
 @pytest.mark.parametrize("fault", ["others", "none"])
 def test_rows_are_sent_where_a_worker_makes_others(scene, monkeypatch, fault):
     whole, said = references(load("cornell")), []
