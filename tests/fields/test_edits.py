@@ -105,3 +105,19 @@ def test_an_edit_keeps_what_it_does_not_touch(tmp_path, cornell):
     assert (tmp_path / "new/index.html").exists() and (tmp_path / "new/rebake.json").exists()
     # In place, as --watch does it.
     bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "new")
+
+
+def test_fields_that_share_an_asset_keep_their_sizes(tmp_path, cornell):
+    lit = with_mesh(cornell, -1, emission=(8.0, 8.0, 8.0))
+    write_plain(tmp_path / "room.glb", lit)
+    few = {"shards": 1, "steps": 20, "lights_per_shard": 8, "views": 1, "truth": "1s", "view_size": (24, 16)}
+    bake(tmp_path / "room.glb", tmp_path / "old", keep=True, **few)
+    write_plain(
+        tmp_path / "room.glb", with_mesh(lit, -1, positions=lit.meshes[-1].positions + np.float32([0.05, 0, 0]))
+    )
+    told = bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "old")["roles"]
+    assert set(told) == {"indirect", "static"} and told["static"]["traced_again"] > 0
+    # The lamp is gone: what is left keeps the size that it had beside another field.
+    write_plain(tmp_path / "room.glb", with_mesh(lit, -1, emission=(0.0, 0.0, 0.0)))
+    told = bake(tmp_path / "room.glb", tmp_path / "dark", rebake=tmp_path / "old")["roles"]
+    assert set(told) == {"indirect"}

@@ -241,7 +241,7 @@ def _overwritten(samples: Samples, rows: np.ndarray, made: Samples, shape: np.nd
 
 
 def edited_learner(
-    state: EditedScene, role: Role, now: EditState, start: Callable[[FieldSetup, str, int], Learner]
+    state: EditedScene, role: Role, now: EditState, make: Callable[[FieldSetup, int], Learner]
 ) -> tuple[NetworkFit, Training]:
     """Go on training from the weights of the earlier bake.
 
@@ -249,14 +249,14 @@ def edited_learner(
         state: The prepared scene.
         role: The role.
         now: Result of ``edited_samples``.
-        start: Makes an untrained learner from set-up, preset and seed.
+        make: Makes an untrained learner of the earlier bake's size from set-up and seed.
 
     Returns:
         The learner and how it was trained.
     """
     begin, facts, job = perf_counter(), now.facts, state.job
     setup = FieldSetup(**now.setup(), scene=state.scene, variable=state.variable)
-    learner = start(setup, facts["preset"], facts["seed"])
+    learner = make(setup, facts["seed"])
     assert isinstance(learner, NetworkFit)
     learner.learn_from(now.samples)
     learner.validate_on(validation_samples(state.scene, state.variable, facts["seed"], own_light=role == "static"))

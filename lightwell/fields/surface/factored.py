@@ -313,19 +313,20 @@ class FactoredField(SurfaceField):
         further = tuple(further_role(light.name) for light in more)
         return replace(state, job=job, more=more, roles=("indirect", *further, *state.roles[1:]))
 
-    def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
-        """Return a function that makes an untrained learner; two fields are smaller than one alone.
+    def maker(self, preset: str, role: Role, roles: int) -> Callable[[FieldSetup, int], Learner]:
+        """Return a function that makes an untrained learner of a preset; two fields are smaller than one alone.
 
         Args:
-            state: The prepared scene.
+            preset: Name of the preset.
             role: The part of the light to learn.
+            roles: Roles of the bake, ≥ 1.
 
         Returns:
             Function of set-up and seed.
         """
-        if state.job.request.preset == "default" and len(state.roles) > 1:
+        if preset == "default" and roles > 1:
             return lambda setup, seed: FactoredFit(setup, TWO_FIELDS[kind_of(role)], seed)
-        return super().starter(state, role)
+        return super().maker(preset, role, roles)
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | LampTraining:
         """Trace samples of a role, or read those of an interrupted bake.

@@ -190,7 +190,8 @@ class SurfaceField:
 
     def _edited(self, state: EditedScene, role: Role, samples: EditState) -> SurfaceFit:
         """The fit of an incremental bake."""
-        learner, training = edited_learner(state, role, samples, self.start)
+        make = self.maker(samples.facts["preset"], role, len(state.before))
+        learner, training = edited_learner(state, role, samples, make)
         keep, traced = partial(keep_edited, state, role, samples, learner), traced_facts(samples, state.touched[role])
         return SurfaceFit(state.scene, learner, learner.setup.unit, traced, {}, training, keep)
 
@@ -204,4 +205,17 @@ class SurfaceField:
         Returns:
             Function of set-up and seed.
         """
-        return lambda setup, seed: self.start(setup, state.job.request.preset, seed)
+        return self.maker(state.job.request.preset, role, len(state.roles))
+
+    def maker(self, preset: str, role: Role, roles: int) -> Callable[[FieldSetup, int], Learner]:
+        """Return a function that makes an untrained learner of a preset.
+
+        Args:
+            preset: Name of the preset.
+            role: The part of the light to learn.
+            roles: Roles of the bake, ≥ 1; fields that share the bytes of an asset are smaller.
+
+        Returns:
+            Function of set-up and seed.
+        """
+        return lambda setup, seed: self.start(setup, preset, seed)
