@@ -267,22 +267,24 @@ def edited_scenes(folder: Path) -> dict[str, Path]:
     from lightwell.scenes import load
 
     scene = load("cornell")
-    meshes, last = scene.meshes, scene.meshes[-1]
-    small = replace(last, positions=(last.positions - last.positions.mean(0)) * 0.4 + last.positions.mean(0))
-    materials = [*scene.materials, replace(scene.materials[last.material], base_color=(0.9, 0.1, 0.1, 1.0))]
+    *room, patch = scene.meshes
+    lamp = replace(patch, name="lamp", emission=(8.0, 8.0, 8.0))
+    block = next(mesh for mesh in room if mesh.name == "short_block")
+    # A cube of 19 cm on the free part of the floor: 0.2 of the room's 26 square metres.
+    foot = np.float32([block.positions[:, 0].mean(), 0, block.positions[:, 2].mean()])
+    cube = replace(block, name="cube", positions=(block.positions - foot) * 0.25 + np.float32([-0.6, 0, 0.7]))
+    materials = [*scene.materials, replace(scene.materials[cube.material], base_color=(0.9, 0.1, 0.1, 1.0))]
 
     def moved_by(mesh: Any, *way: float) -> Any:
         return replace(mesh, positions=mesh.positions + np.float32(way))
 
-    lamp = moved_by(replace(small, name="lamp", emission=(8.0, 8.0, 8.0)), 0, 1.2, 0)
-    walls = list(meshes[:-1])
     variants = {
-        "before": ([*walls, small, lamp], scene.materials),
-        "recolour": ([*walls, replace(small, material=len(scene.materials)), lamp], materials),
-        "move": ([*walls, moved_by(small, 0.1, 0, 0), lamp], scene.materials),
-        "delete": ([*walls, lamp], scene.materials),
-        "add": ([*walls, small, lamp, moved_by(replace(small, name="added"), -0.5, 0, 0)], scene.materials),
-        "lamp": ([*walls, small, moved_by(lamp, 0.1, 0, 0)], scene.materials),
+        "before": ([*room, cube, lamp], scene.materials),
+        "recolour": ([*room, replace(cube, material=len(scene.materials)), lamp], materials),
+        "move": ([*room, moved_by(cube, 0.1, 0, 0), lamp], scene.materials),
+        "delete": ([*room, lamp], scene.materials),
+        "add": ([*room, cube, lamp, moved_by(replace(cube, name="added"), 0.3, 0, 0)], scene.materials),
+        "lamp": ([*room, cube, moved_by(lamp, 0.1, 0, 0)], scene.materials),
     }
     b = open_builder()
     # A file has a field; this one is black, and not read when the scene is loaded.

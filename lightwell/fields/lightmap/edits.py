@@ -39,6 +39,9 @@ from lightwell.transport.texels import Texels, texels
 KEY = key("lightmap.edit", 1)
 # Directions in which a texel looks for a change: there are many texels.
 RAYS = 4
+# Share of the paths of OLD, and fewest paths of a texel: what is traced is denoised. A lamp that moves in a Cornell box,
+# against 160 paths a texel: 44 1.8 %, 22 2.2 %, 8 4.0 %.
+PATHS_SHARE, FEWEST_PATHS = 0.1, 16
 _ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
 
@@ -161,7 +164,7 @@ def edited_chart(
         scene: The scene.
         before: State of the earlier bake.
         changes: What has changed.
-        paths: Paths per texel, even.
+        paths: Paths per texel of the earlier bake, even; where many texels are traced again, each gets fewer.
 
     Returns:
         Atlas and irradiance, and [K] bool: texels that were traced again.
@@ -169,11 +172,13 @@ def edited_chart(
     seed, covered = before.facts["seed"], texels(scene, before.atlas)
     touched = _touched(scene, covered, changes, seed)
     rows = np.flatnonzero(touched)
+    each = PATHS_SHARE * paths * len(touched) / max(len(rows), 1)
+    each = min(max(int(each), FEWEST_PATHS), paths) // 2 * 2
 
     def again(make: Any) -> Irradiance:
         if not len(rows):
             return before.light
-        return traced_again(scene, before.atlas, covered, before.light, rows, paths, seed + 1)
+        return traced_again(scene, before.atlas, covered, before.light, rows, each, seed + 1)
 
     size, mips = before.atlas.size, before.atlas.mips
     return chart(scene, size, mips, paths, seed, keep=again, atlas=before.atlas), touched
