@@ -9,7 +9,7 @@ import {
 import { rendererName } from "./device.ts";
 import { principledLight } from "./principled.ts";
 import { replacePart } from "./shader-part.ts";
-import { SHADOW_LIFT } from "./shadow-lift.ts";
+import { SHADOW_LIFT, sunLight } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 
 /** Smallest reflectance that a learned value is multiplied by (format/FORMAT.md). */
@@ -101,7 +101,7 @@ const SHADOW_OFFSET = `
       vec3 toPoint = ( toLight * vec4( point, 1.0 ) ).xyz;
       vec3 reach = abs( toPoint );
       float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / size.x;
-      return vec4( toPoint + lightwellLift( facet, normalize( toPoint ), texel ), 1.0 );
+      return vec4( toPoint + lightwellLampLift( facet, normalize( toPoint ), texel ), 1.0 );
     }
   #endif
   #if NUM_DIR_LIGHT_SHADOWS > 0
@@ -121,18 +121,21 @@ const FACET = `
   lwFacet = normalize( ( vec4( lwFacet, 0.0 ) * viewMatrix ).xyz );
 `;
 
-/** Three's light loop with the shadow coordinates of its vertex shader replaced by ours. */
+const SUN_SHADOW = "getShadow( directionalShadowMap[ i ], directionalLightShadow.shadowMapSize, directionalLightShadow.shadowIntensity, directionalLightShadow.shadowBias, directionalLightShadow.shadowRadius, ";
+
+/** What takes the place of parts of three's light loop: the shadow coordinates of its vertex shader, and what a sun's filter counts for. */
+const SHADOWS = [
+  ["vPointShadowCoord[ i ]", "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )"],
+  [
+    `${SUN_SHADOW}vDirectionalShadowCoord[ i ] )`,
+    sunLight(
+      `${SUN_SHADOW}lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize ) )`,
+      "1.0 - directionalLightShadow.shadowIntensity",
+    ),
+  ],
+] as const;
+
+/** Three's light loop with our shadows. */
 function offsetShadows(chunk: string): string {
-  return (
-    FACET +
-    replacePart(
-      replacePart(
-        chunk,
-        "vPointShadowCoord[ i ]",
-        "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )",
-      ),
-      "vDirectionalShadowCoord[ i ]",
-      "lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize )",
-    )
-  );
+  return FACET + SHADOWS.reduce((text, [part, ours]) => replacePart(text, part, ours), chunk);
 }

@@ -1,6 +1,6 @@
 /** GLSL that tests shadows of declared lights against maps of distances, which engines draw. */
 
-import { SHADOW_LIFT, SHADOW_RADIUS } from "../shadow-lift.ts";
+import { SHADOW_LIFT, SHADOW_RADIUS, sunLight } from "../shadow-lift.ts";
 
 /** How many places of a map a test looks at. */
 const TAPS = 5;
@@ -25,7 +25,7 @@ float lightwellShadow${index}( LightwellSurface s ) {
   vec3 ray = s.place - ${place};
   vec3 reach = abs( ray );
   float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / ${size};
-  ray += lightwellLift( s.facet, normalize( ray ), texel );
+  ray += lightwellLampLift( s.facet, normalize( ray ), texel );
   float far = length( ray );
   vec3 ahead = ray / far;
   vec3 side = normalize( cross( ahead, abs( ahead.x ) > abs( ahead.z ) ? vec3( 0.0, 1.0, 0.0 ) : vec3( 1.0, 0.0, 0.0 ) ) );
@@ -57,6 +57,6 @@ float lightwellShadow${index}( LightwellSurface s ) {
     vec2 uv = at.xy + lightwellTap( tap ) * ${SHADOW_RADIUS.toFixed(1)} / ${size};
     lit += step( at.z, ${stored} );
   }
-  return lit / ${TAPS}.0;
+  return ${sunLight(`lit / ${TAPS}.0`)};
 }`;
 }

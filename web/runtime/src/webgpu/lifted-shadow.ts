@@ -2,7 +2,7 @@
 
 import { type DirectionalLight, DoubleSide, type Material, type PointLight } from "three";
 import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, select, shadow, vec3, vec4 } from "three/tsl";
-import { SHADOW_RADIUS } from "../shadow-lift.ts";
+import { SHADOW_RADIUS, SUN_EDGE } from "../shadow-lift.ts";
 import type { AnyNode } from "./field-nodes.ts";
 import { coveredPosition } from "./surface-position.ts";
 
@@ -24,6 +24,8 @@ export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
     const lifted = (coveredPosition() as AnyNode).add(isPoint ? liftOfPoint(light as PointLight) : liftOfSun(light as DirectionalLight));
     return coordinate.call(node, builder, (lightShadowMatrix(light) as AnyNode).mul((vec4 as AnyNode)(lifted, 1)));
   };
+  const filter = node.setupShadowFilter;
+  if (!isPoint) node.setupShadowFilter = (...given: unknown[]) => filter.call(node, ...given).mul(SUN_EDGE).sub(SUN_EDGE - 1).max(0);
   node.renderShadow = (frame: AnyNode) => {
     const { renderer } = frame;
     const drawObject = renderer.getRenderObjectFunction() as DrawObject;
@@ -43,24 +45,24 @@ function liftOfPoint(light: PointLight): AnyNode {
   const toPoint = (coveredPosition() as AnyNode).sub(lightPosition(light));
   const reach = toPoint.abs();
   const texel = reach.x.max(reach.y).max(reach.z).mul(2).div(sizeOf(light));
-  return lift(toPoint.normalize(), texel);
+  return lift(toPoint.normalize(), texel, 0.5);
 }
 
 function liftOfSun(light: DirectionalLight): AnyNode {
   const matrix = lightShadowMatrix(light) as AnyNode;
   const across = (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length();
   const ray = (lightTargetPosition(light) as AnyNode).sub(lightPosition(light)).normalize();
-  return lift(ray, across.mul(sizeOf(light)).reciprocal());
+  return lift(ray, across.mul(sizeOf(light)).reciprocal(), 0);
 }
 
-/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there. */
-function lift(ray: AnyNode, texel: AnyNode): AnyNode {
+/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there, `along` how many go along the ray. */
+function lift(ray: AnyNode, texel: AnyNode, along: number): AnyNode {
   const world = positionWorld as AnyNode;
   const facet = world.dFdx().cross(world.dFdy()).normalize();
   const cosine = facet.dot(ray).toVar();
   const sine = cosine.mul(cosine).oneMinus().max(0).sqrt().max(LEAST_SINE);
   const side = (select as AnyNode)(cosine.greaterThan(0), -1, 1);
-  return facet.mul(side.mul(texel).mul(SHADOW_RADIUS + 1).mul(sine)).sub(ray.mul(texel).mul(0.5));
+  return facet.mul(side.mul(texel).mul(SHADOW_RADIUS + 1).mul(sine)).sub(ray.mul(texel).mul(along));
 }
 
 function sizeOf(light: PointLight | DirectionalLight): AnyNode {
