@@ -48,7 +48,7 @@ function file(meshes: readonly FixtureMesh[], sun: Point): string {
   return Buffer.from(bytes).toString("base64");
 }
 
-const SUNS = [[45, 35], [200, 80], [250, 30]].map(([a, e]) => toSun(a!, e!));
+const SUNS = [[45, 35], [250, 30]].map(([a, e]) => toSun(a!, e!));
 /** Eyes in the room that look along its joints. */
 const EYES: Request["camera"][] = [
   { position: [5, 1.5, 4], target: [0.2, 0.3, 0.2], fovY: 75 },
@@ -89,12 +89,10 @@ describe.each(["webgl", "webgpu"] as const)("%s", (kind) => {
   }, 120_000);
 
   it("no sun behind a sheet, and all of it before the sheet, but for a row of pixels", async () => {
-    for (const elevation of [25, 75]) {
-      const sun = toSun(0, elevation);
-      const [behind, before] = [reds(await draw(kind, file(corner, sun), BEHIND)), reds(await draw(kind, file(corner, sun), BEFORE))];
-      const least = (Math.min(sun[1], sun[2]) * LUX * GREY) / Math.PI;
-      expect(behind.filter(isLit)).toEqual([]);
-      expect(before.filter((radiance) => radiance < 0.99 * least).length).toBeLessThan(2 * WIDTH);
-    }
+    const sun = toSun(0, 25);
+    const [behind, before] = [reds(await draw(kind, file(corner, sun), BEHIND)), reds(await draw(kind, file(corner, sun), BEFORE))];
+    const least = (Math.min(sun[1], sun[2]) * LUX * GREY) / Math.PI;
+    expect(behind.filter(isLit)).toEqual([]);
+    expect(before.filter((radiance) => radiance < 0.99 * least).length).toBeLessThan(2 * WIDTH);
   }, 120_000);
 });

@@ -129,7 +129,8 @@ const diagonalOf = ({ min, max }: Box3): number => Math.max(min.distanceTo(max),
 
 /** One over a colour; 0 where it is 0. */
 function inverse({ r, g, b }: Color): Color {
-  return new Color(...([r, g, b].map((x) => (x > 0 ? 1 / x : 0)) as [number, number, number]));
+  const over = (x: number) => (x > 0 ? 1 / x : 0);
+  return new Color(over(r), over(g), over(b));
 }
 
 /** A point light in candela with inverse-square falloff and a cube shadow map. */
@@ -229,17 +230,20 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   }
 
   protected fitShadow(): void {
-    const { object, placement } = this;
+    const { object } = this;
     const { camera } = object.shadow;
-    for (const end of [object, object.target]) end.updateWorldMatrix(true, false);
+    object.updateWorldMatrix(true, false);
+    object.target.updateWorldMatrix(true, false);
     object.shadow.updateMatrices(object);
-    const toSun = camera.matrixWorldInverse.clone().multiply(placement.root.matrixWorld);
+    const toSun = camera.matrixWorldInverse.clone().multiply(this.placement.root.matrixWorld);
     const { min, max } = this.core.clone().applyMatrix4(toSun);
     // The middle of what is looked at lies on the axis of this camera.
     const reach = SUN_MARGIN * Math.max(max.x, max.y);
-    [camera.left, camera.right, camera.bottom, camera.top] = [-reach, reach, -reach, reach];
+    camera.right = camera.top = reach;
+    camera.left = camera.bottom = -reach;
     // From the light to the last surface that is looked at, and a little more.
-    [camera.near, camera.far] = [0, 0.1 * reach - min.z];
+    camera.near = 0;
+    camera.far = 0.1 * reach - min.z;
     camera.updateProjectionMatrix();
     this.shadowVersion++;
   }

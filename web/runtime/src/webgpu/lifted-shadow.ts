@@ -1,8 +1,8 @@
 /** The shadow of a declared light for `WebGPURenderer`: `shadow-lift.ts` in nodes. */
 
 import { type DirectionalLight, DoubleSide, type Material, type PointLight } from "three";
-import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, select, shadow, vec3, vec4 } from "three/tsl";
-import { SHADOW_RADIUS, SUN_EDGE } from "../shadow-lift.ts";
+import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, shadow, vec3, vec4 } from "three/tsl";
+import { COARSE, SHADOW_RADIUS, STRICT } from "../shadow-lift.ts";
 import type { AnyNode } from "./field-nodes.ts";
 import { coveredPosition } from "./surface-position.ts";
 
@@ -19,13 +19,12 @@ type DrawObject = (object: unknown, scene: unknown, camera: unknown, geometry: u
 export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
   const isPoint = (light as PointLight).isPointLight === true;
   const node: AnyNode = isPoint ? pointShadow(light as PointLight) : shadow(light);
-  const [coordinate, draw] = [node.setupShadowCoord, node.renderShadow];
+  const [coordinate, filter, draw] = [node.setupShadowCoord, node.setupShadowFilter, node.renderShadow];
   node.setupShadowCoord = (builder: unknown) => {
     const lifted = (coveredPosition() as AnyNode).add(isPoint ? liftOfPoint(light as PointLight) : liftOfSun(light as DirectionalLight));
     return coordinate.call(node, builder, (lightShadowMatrix(light) as AnyNode).mul((vec4 as AnyNode)(lifted, 1)));
   };
-  const filter = node.setupShadowFilter;
-  if (!isPoint) node.setupShadowFilter = (...given: unknown[]) => filter.call(node, ...given).mul(SUN_EDGE).sub(SUN_EDGE - 1).max(0);
+  if (!isPoint) node.setupShadowFilter = (...given: unknown[]) => filter.call(node, ...given).sub(1).mul(edgeOf(texelOfSun(light as DirectionalLight))).add(1).max(0);
   node.renderShadow = (frame: AnyNode) => {
     const { renderer } = frame;
     const drawObject = renderer.getRenderObjectFunction() as DrawObject;
@@ -49,20 +48,28 @@ function liftOfPoint(light: PointLight): AnyNode {
 }
 
 function liftOfSun(light: DirectionalLight): AnyNode {
-  const matrix = lightShadowMatrix(light) as AnyNode;
-  const across = (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length();
   const ray = (lightTargetPosition(light) as AnyNode).sub(lightPosition(light)).normalize();
-  return lift(ray, across.mul(sizeOf(light)).reciprocal(), 0);
+  const texel = texelOfSun(light);
+  return lift(ray, texel, edgeOf(texel).sub(STRICT).div(2 - 2 * STRICT));
+}
+
+function texelOfSun(light: DirectionalLight): AnyNode {
+  const matrix = lightShadowMatrix(light) as AnyNode;
+  return (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length().mul(sizeOf(light)).reciprocal();
+}
+
+function edgeOf(texel: AnyNode): AnyNode {
+  return texel.reciprocal().mul(COARSE).clamp(1, STRICT);
 }
 
 /** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there, `along` how many go along the ray. */
-function lift(ray: AnyNode, texel: AnyNode, along: number): AnyNode {
+function lift(ray: AnyNode, texel: AnyNode, along: AnyNode | number): AnyNode {
   const world = positionWorld as AnyNode;
   const facet = world.dFdx().cross(world.dFdy()).normalize();
   const cosine = facet.dot(ray).toVar();
   const sine = cosine.mul(cosine).oneMinus().max(0).sqrt().max(LEAST_SINE);
-  const side = (select as AnyNode)(cosine.greaterThan(0), -1, 1);
-  return facet.mul(side.mul(texel).mul(SHADOW_RADIUS + 1).mul(sine)).sub(ray.mul(texel).mul(along));
+  const off = cosine.sign().mul(sine).mul(-(SHADOW_RADIUS + 1));
+  return facet.mul(off).sub(ray.mul(along)).mul(texel);
 }
 
 function sizeOf(light: PointLight | DirectionalLight): AnyNode {
