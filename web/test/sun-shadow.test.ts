@@ -94,5 +94,9 @@ describe.each(["webgl", "webgpu"] as const)("%s", (kind) => {
     const least = (Math.min(sun[1], sun[2]) * LUX * GREY) / Math.PI;
     expect(behind.filter(isLit)).toEqual([]);
     expect(before.filter((radiance) => radiance < 0.99 * least).length).toBeLessThan(2 * WIDTH);
+    // Behind a sheet that turns its back to a grazing sun, with vertex normals that turn to it as a normal map does.
+    const bent = { ...corner[1]!, normals: corner[1]!.normals.map((_, i) => [0, -0.6, 0.8][i % 3]!) };
+    const graze = toSun(0, 87);
+    expect(reds(await draw(kind, file([bent], graze), { position: [0, 1.5, -3], target: [0, 1.5, 0], fovY: 30 })).filter(isLit)).toEqual([]);
   }, 120_000);
 });

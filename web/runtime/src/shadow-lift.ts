@@ -4,17 +4,18 @@
 export const SHADOW_RADIUS = 1.5;
 
 /**
- * The shadow test happens at a point lifted off the facet, towards the light, just far enough that the filter's
+ * The shadow test happens at a point lifted off the facet, just far enough that the filter's
  * kernel of `radius` texels cannot dip below the facet: texel · (radius + 1) · sin θ. The facet's own normal and its
- * side are taken from derivatives, so thin two-sided sheets and smooth-shaded coarse meshes behave alike. It is also
- * lifted some texels `along` the ray, for the wall that meets it in a corner: half a texel, but none where a sun's edge is strict, whose
+ * side are taken from derivatives, so thin two-sided sheets and smooth-shaded coarse meshes behave alike. For a lamp it is
+ * lifted to the side of the light; for a sun to that of the eye, so that a side in its own shadow has none of the light that normal maps
+ * turn to. It is also lifted some texels `along` the ray, for the wall that meets it in a corner: half a texel, but none where a sun's edge is strict, whose
  * light would come through the sheet above it.
  */
 export const SHADOW_LIFT = /* glsl */ `
   vec3 lightwellLift( vec3 facet, vec3 rayToPoint, float texel, float along ) {
     float cosine = dot( facet, rayToPoint );
     float sine = sqrt( max( 1.0 - cosine * cosine, 0.0 ) );
-    return - along * texel * rayToPoint + facet * ( cosine > 0.0 ? - texel : texel ) * ${(SHADOW_RADIUS + 1).toFixed(2)} * max( sine, 0.25 );
+    return texel * ( facet * ${(SHADOW_RADIUS + 1).toFixed(2)} * max( sine, 0.25 ) - along * rayToPoint );
   }`;
 
 /**

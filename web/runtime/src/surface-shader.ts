@@ -101,7 +101,7 @@ const SHADOW_OFFSET = `
       vec3 toPoint = ( toLight * vec4( point, 1.0 ) ).xyz;
       vec3 reach = abs( toPoint );
       float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / size.x;
-      return vec4( toPoint + lightwellLift( facet, normalize( toPoint ), texel, 0.5 ), 1.0 );
+      return vec4( toPoint + lightwellLift( faceforward( facet, toPoint, facet ), normalize( toPoint ), texel, 0.5 ), 1.0 );
     }
   #endif
   #if NUM_DIR_LIGHT_SHADOWS > 0

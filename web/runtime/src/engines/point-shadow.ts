@@ -26,7 +26,7 @@ float lightwellShadow${index}( LightwellSurface s ) {
   vec3 ray = s.place - ${place};
   vec3 reach = abs( ray );
   float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / ${size};
-  ray += lightwellLift( s.facet, normalize( ray ), texel, 0.5 );
+  ray += lightwellLift( faceforward( s.facet, ray, s.facet ), normalize( ray ), texel, 0.5 );
   float far = length( ray );
   vec3 ahead = ray / far;
   vec3 side = normalize( cross( ahead, abs( ahead.x ) > abs( ahead.z ) ? vec3( 0.0, 1.0, 0.0 ) : vec3( 1.0, 0.0, 0.0 ) ) );
@@ -51,7 +51,7 @@ export function sunShadow(index: number, toMap: string, toSun: string, size: str
   return /* glsl */ `
 float lightwellShadow${index}( LightwellSurface s ) {
   float texel = lightwellTexel( ${toMap}, ${size} );
-  vec3 at = ( ${toMap} * vec4( s.place + lightwellSunLift( s.facet, - ${toSun}, texel ), 1.0 ) ).xyz;
+  vec3 at = ( ${toMap} * vec4( s.place + lightwellSunLift( faceforward( s.facet, - ${toSun}, s.facet ), - ${toSun}, texel ), 1.0 ) ).xyz;
   if ( any( lessThan( at, vec3( 0.0 ) ) ) || any( greaterThan( at, vec3( 1.0 ) ) ) ) return 1.0;
   float lit = 0.0;
   for ( int tap = 0; tap < ${TAPS}; tap ++ ) {

@@ -1,7 +1,7 @@
 /** The shadow of a declared light for `WebGPURenderer`: `shadow-lift.ts` in nodes. */
 
 import { type DirectionalLight, DoubleSide, type Material, type PointLight } from "three";
-import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, shadow, vec3, vec4 } from "three/tsl";
+import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, shadow, vec4 } from "three/tsl";
 import { COARSE, SHADOW_RADIUS, STRICT } from "../shadow-lift.ts";
 import type { AnyNode } from "./field-nodes.ts";
 import { coveredPosition } from "./surface-position.ts";
@@ -41,35 +41,38 @@ export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
 }
 
 function liftOfPoint(light: PointLight): AnyNode {
-  const toPoint = (coveredPosition() as AnyNode).sub(lightPosition(light));
-  const reach = toPoint.abs();
+  const toLight = (lightPosition(light) as AnyNode).sub(coveredPosition());
+  const reach = toLight.abs();
   const texel = reach.x.max(reach.y).max(reach.z).mul(2).div(sizeOf(light));
-  return lift(toPoint.normalize(), texel, 0.5);
+  const facet = facetOf();
+  return lift(facet.mul(facet.dot(toLight).sign()), toLight, texel, 0.5);
 }
 
 function liftOfSun(light: DirectionalLight): AnyNode {
-  const ray = (lightTargetPosition(light) as AnyNode).sub(lightPosition(light)).normalize();
   const texel = texelOfSun(light);
-  return lift(ray, texel, edgeOf(texel).sub(STRICT).div(2 - 2 * STRICT));
+  return lift(facetOf(), (lightPosition(light) as AnyNode).sub(lightTargetPosition(light)), texel, edgeOf(texel).sub(STRICT).div(2 - 2 * STRICT));
 }
 
 function texelOfSun(light: DirectionalLight): AnyNode {
-  const matrix = lightShadowMatrix(light) as AnyNode;
-  return (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length().mul(sizeOf(light)).reciprocal();
+  const across = (lightShadowMatrix(light) as AnyNode).transpose().element(0).xyz.length();
+  return across.mul(sizeOf(light)).reciprocal();
 }
 
 function edgeOf(texel: AnyNode): AnyNode {
   return texel.reciprocal().mul(COARSE).clamp(1, STRICT);
 }
 
-/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there, `along` how many go along the ray. */
-function lift(ray: AnyNode, texel: AnyNode, along: AnyNode | number): AnyNode {
+/** Normal of the triangle on the side of the eye. */
+function facetOf(): AnyNode {
   const world = positionWorld as AnyNode;
-  const facet = world.dFdx().cross(world.dFdy()).normalize();
-  const cosine = facet.dot(ray).toVar();
-  const sine = cosine.mul(cosine).oneMinus().max(0).sqrt().max(LEAST_SINE);
-  const off = cosine.sign().mul(sine).mul(-(SHADOW_RADIUS + 1));
-  return facet.mul(off).sub(ray.mul(along)).mul(texel);
+  return world.dFdx().cross(world.dFdy()).normalize();
+}
+
+/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there, `along` how many go to the light. */
+function lift(facet: AnyNode, toLight: AnyNode, texel: AnyNode, along: AnyNode | number): AnyNode {
+  const ray = toLight.normalize();
+  const sine = facet.cross(ray).length().max(LEAST_SINE);
+  return facet.mul(sine).mul(SHADOW_RADIUS + 1).add(ray.mul(along)).mul(texel);
 }
 
 function sizeOf(light: PointLight | DirectionalLight): AnyNode {
