@@ -66,18 +66,19 @@ describe("lengths", () => {
   it("a sun's shadow map holds the core, and what lies before it", () => {
     const variable = readVariables([{ kind: "sun", name: "sun", start: [1, 0, 0], middle: [0, 1, 0], end: [-1, 0, 0], intensity: 1 }], "variables")[0] as SunVariable;
     const cameraOf = (sun: SunLamp) => sun.object.shadow.camera;
-    const radius = Math.sqrt(3);
     const sun = new SunLamp(variable, WIDE, new Placement(new Group()), box(1));
     sun.move(new Vector3(1, 0, 0));
     const { right, top, near, far } = cameraOf(sun);
-    expect([right, top]).toEqual([radius, radius].map((x) => expect.closeTo(x, 9)));
+    // As the sun sees it, a box seen from a side is a square.
+    expect([right, top]).toEqual([1.02, 1.02].map((x) => expect.closeTo(x, 9)));
     const distance = sun.object.position.distanceTo(sun.object.target.position);
-    // The farthest corner of the scene is 1000 √3 from its middle, and that 200 from the core's.
-    expect(near).toBeLessThan(distance - (1000 * radius + 200));
-    expect(far).toBeGreaterThan(distance + radius);
-    // As before where all of the scene is looked at.
+    // Towards the sun the scene goes on for 1200, away from it the core for 1.
+    expect(distance - near).toBeGreaterThan(1200);
+    expect(far - distance).toBeCloseTo(1.102, 6);
     const plain = new SunLamp(variable, box(1), new Placement(new Group()));
-    expect([cameraOf(plain).near, cameraOf(plain).far, cameraOf(plain).right]).toEqual([0.9, 3.1, 1].map((x) => expect.closeTo(x * radius, 9)));
+    // Aslant, along an edge: the width of the box across it, and its diagonal.
+    plain.move(new Vector3(1, 1, 0));
+    expect(cameraOf(plain).right).toBeCloseTo(1.02 * Math.SQRT2, 9);
   });
 });
 

@@ -1,6 +1,6 @@
 /** The declared lights as three.js lights with shadow maps. */
 
-import { type Box3, Color, DirectionalLight, type Light, PointLight, Sphere, Vector3 } from "three";
+import { type Box3, Color, DirectionalLight, type Light, PointLight, Vector3 } from "three";
 import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
 import { SHADOW_RADIUS } from "./shadow-lift.ts";
@@ -8,9 +8,13 @@ import { levelAt, sunlightAt } from "./sky.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 const POINT_SHADOW_SIZE = 1024;
+/** Edge of a sun's shadow map, texels; twice that where the diagonal of what is looked at is longer than `WIDE` metres. */
 const SUN_SHADOW_SIZE = 2048;
+const WIDE = 20;
 /** Nearest occluder of a point light as a share of the diagonal of what is looked at. */
 const NEAR_SHARE = 5e-4;
+/** Half the edge of a sun's shadow map over that of what it must hold: a filter at the rim stays inside. */
+const SUN_MARGIN = 1.02;
 /** A light has been moved by hand when it is farther than this from where it was put, as a share of its distance from the origin. */
 const MOVED = 1e-5;
 
@@ -84,7 +88,7 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
 
   attach(): void {
     this.placement.root.add(this.object);
-    this.shadowVersion++;
+    this.fitShadow();
   }
 
   detach(): void {
@@ -92,7 +96,7 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
   }
 
   renewShadow(): void {
-    this.shadowVersion++;
+    this.fitShadow();
   }
 
   follow(): void {
@@ -121,9 +125,12 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
   }
 }
 
+const diagonalOf = ({ min, max }: Box3): number => Math.max(min.distanceTo(max), 1e-6);
+
 /** One over a colour; 0 where it is 0. */
 function inverse({ r, g, b }: Color): Color {
-  return new Color(...([r, g, b].map((x) => (x > 0 ? 1 / x : 0)) as [number, number, number]));
+  const over = (x: number) => (x > 0 ? 1 / x : 0);
+  return new Color(over(r), over(g), over(b));
 }
 
 /** A point light in candela with inverse-square falloff and a cube shadow map. */
@@ -138,7 +145,7 @@ export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
     super(variable, new PointLight(0xffffff, 1, 0, 2), placement);
     this.low = new Vector3(...variable.low);
     this.high = new Vector3(...variable.high);
-    const diagonal = (box: Box3) => Math.max(box.clone().expandByPoint(this.low).expandByPoint(this.high).getSize(new Vector3()).length(), 1e-6);
+    const diagonal = (box: Box3) => diagonalOf(box.clone().expandByPoint(this.low).expandByPoint(this.high));
     this.near = NEAR_SHARE * diagonal(core);
     this.far = 1.01 * diagonal(bounds);
     this.object.shadow.mapSize.set(POINT_SHADOW_SIZE, POINT_SHADOW_SIZE);
@@ -172,30 +179,29 @@ export class PointLamp extends DeclaredLamp<PointVariable, PointLight> {
   }
 }
 
-/** A distant light in lux, with a shadow map that fits the bounding sphere of what is looked at; all of the scene casts into it. */
+/** A distant light in lux, with a shadow map that fits what is looked at as the sun sees it; all of the scene casts into it. */
 export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   readonly arc: Arc;
   /** Where on the arc the sun is, 0 to 1. */
   time = 0;
-  private readonly reach: Sphere;
-  /** How far from its centre the scene goes on. */
-  private readonly beyond: number;
+  /** What is looked at. */
+  private readonly core: Box3;
+  /** How far from its middle the three.js light stands: all that casts is nearer. */
+  private readonly distance: number;
 
   constructor(variable: SunVariable, bounds: Box3, placement: Placement, core = bounds) {
     super(variable, new DirectionalLight(0xffffff, 1), placement);
     this.arc = new Arc(variable.start, variable.middle, variable.end);
-    this.reach = core.getBoundingSphere(new Sphere());
-    const all = bounds.getBoundingSphere(new Sphere());
-    this.beyond = Math.max(all.radius + all.center.distanceTo(this.reach.center), this.reach.radius);
-    this.object.shadow.mapSize.set(SUN_SHADOW_SIZE, SUN_SHADOW_SIZE);
-    this.fitShadow();
+    this.core = core;
+    this.distance = 2 * diagonalOf(bounds);
+    this.object.shadow.mapSize.setScalar(SUN_SHADOW_SIZE * (diagonalOf(core) > WIDE ? 2 : 1));
     this.move(new Vector3(...variable.initial));
     this.tint();
   }
 
   override attach(): void {
-    super.attach();
     this.placement.root.add(this.object.target);
+    super.attach();
   }
 
   override detach(): void {
@@ -212,10 +218,10 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
       this.level = levelAt(sky, this.time);
       this.filter.setRGB(...sunlightAt(sky, this.time));
     }
-    const { center, radius } = this.reach;
-    this.placement.put(this.object, new Vector3().copy(center).addScaledVector(this.value, radius + this.beyond));
+    const center = this.core.getCenter(new Vector3());
     this.placement.put(this.object.target, center);
-    this.shadowVersion++;
+    this.placement.put(this.object, center.addScaledVector(this.value, this.distance));
+    this.fitShadow();
     return false;
   }
 
@@ -224,11 +230,20 @@ export class SunLamp extends DeclaredLamp<SunVariable, DirectionalLight> {
   }
 
   protected fitShadow(): void {
-    const radius = this.scale * this.reach.radius;
-    const { camera } = this.object.shadow;
-    [camera.left, camera.right, camera.bottom, camera.top] = [-radius, radius, -radius, radius];
-    // From the first caster to the last surface that is looked at, and a tenth more.
-    [camera.near, camera.far] = [radius * 0.9, radius * 2.1 + this.scale * this.beyond];
+    const { object } = this;
+    const { camera } = object.shadow;
+    object.updateWorldMatrix(true, false);
+    object.target.updateWorldMatrix(true, false);
+    object.shadow.updateMatrices(object);
+    const toSun = camera.matrixWorldInverse.clone().multiply(this.placement.root.matrixWorld);
+    const { min, max } = this.core.clone().applyMatrix4(toSun);
+    // The middle of what is looked at lies on the axis of this camera.
+    const reach = SUN_MARGIN * Math.max(max.x, max.y);
+    camera.right = camera.top = reach;
+    camera.left = camera.bottom = -reach;
+    // From the light to the last surface that is looked at, and a little more.
+    camera.near = 0;
+    camera.far = 0.1 * reach - min.z;
     camera.updateProjectionMatrix();
     this.shadowVersion++;
   }

@@ -9,7 +9,7 @@ import {
 import { rendererName } from "./device.ts";
 import { principledLight } from "./principled.ts";
 import { replacePart } from "./shader-part.ts";
-import { SHADOW_LIFT } from "./shadow-lift.ts";
+import { SHADOW_LIFT, SUN_EDGE } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
 
 /** Smallest reflectance that a learned value is multiplied by (format/FORMAT.md). */
@@ -101,15 +101,15 @@ const SHADOW_OFFSET = `
       vec3 toPoint = ( toLight * vec4( point, 1.0 ) ).xyz;
       vec3 reach = abs( toPoint );
       float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / size.x;
-      return vec4( toPoint + lightwellLift( facet, normalize( toPoint ), texel ), 1.0 );
+      return vec4( toPoint + lightwellLift( faceforward( facet, toPoint, facet ), normalize( toPoint ), texel, 0.5 ), 1.0 );
     }
   #endif
   #if NUM_DIR_LIGHT_SHADOWS > 0
+    ${SUN_EDGE}
     uniform mat4 directionalShadowMatrix[ NUM_DIR_LIGHT_SHADOWS ];
     vec4 lightwellSunShadow( mat4 toMap, vec3 point, vec3 facet, vec3 toSun, vec2 size ) {
       vec3 ray = - ( vec4( toSun, 0.0 ) * viewMatrix ).xyz;
-      float texel = 1.0 / ( length( vec3( toMap[ 0 ].x, toMap[ 1 ].x, toMap[ 2 ].x ) ) * size.x );
-      return toMap * vec4( point + lightwellLift( facet, ray, texel ), 1.0 );
+      return toMap * vec4( point + lightwellSunLift( facet, ray, lightwellTexel( toMap, size.x ) ), 1.0 );
     }
   #endif
 #endif`;
@@ -121,18 +121,19 @@ const FACET = `
   lwFacet = normalize( ( vec4( lwFacet, 0.0 ) * viewMatrix ).xyz );
 `;
 
-/** Three's light loop with the shadow coordinates of its vertex shader replaced by ours. */
+const SUN = "directionalLightShadow.shadow";
+
+/** What takes the place of parts of three's light loop: the shadow coordinates of its vertex shader, and what a sun's filter counts for. */
+const SHADOWS = [
+  ["vPointShadowCoord[ i ]", "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )"],
+  ["getShadow( directionalShadowMap", "lightwellSunLight( getShadow( directionalShadowMap"],
+  [
+    "vDirectionalShadowCoord[ i ] )",
+    `lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, ${SUN}MapSize ) ), lightwellTexel( directionalShadowMatrix[ i ], ${SUN}MapSize.x ), 1.0 - ${SUN}Intensity )`,
+  ],
+] as const;
+
+/** Three's light loop with our shadows. */
 function offsetShadows(chunk: string): string {
-  return (
-    FACET +
-    replacePart(
-      replacePart(
-        chunk,
-        "vPointShadowCoord[ i ]",
-        "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )",
-      ),
-      "vDirectionalShadowCoord[ i ]",
-      "lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, directionalLightShadow.shadowMapSize )",
-    )
-  );
+  return FACET + SHADOWS.reduce((text, [part, ours]) => replacePart(text, part, ours), chunk);
 }

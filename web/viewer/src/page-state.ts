@@ -1,8 +1,9 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
-import { clockText, hourAt, lampSettingsText, moverValuesText, sunsWithSky } from "lightwell";
+import { clockText, lampSettingsText, moverValuesText } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
+import { hourOf } from "./view-hour.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** Options of the address that say what is shown, by name. */
@@ -25,8 +26,7 @@ export function stateOf(viewer: Viewer): PageState {
   const lights = viewer.lamps.map(({ value, color, intensity }) =>
     [short(value.toArray()), color.getHexString(SRGBColorSpace), short([intensity])].join(","),
   );
-  const [sun] = sunsWithSky(viewer.lamps);
-  const hour = sun ? hourAt(sun.variable.sky!, sun.time) : null;
+  const hour = hourOf(viewer.lamps);
   const movers = moverValuesText(viewer.learned?.movers ?? []);
   const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {

@@ -1,6 +1,6 @@
 /** The path-traced pictures of the saved views, and how far the learned picture is from them. */
 
-import { type DataTexture, DataUtils, Vector3, type WebGLRenderer } from "three";
+import { type DataTexture, DataUtils, type WebGLRenderer } from "three";
 import type { CameraRig } from "./camera-rig.ts";
 import { type Comparison, compare, FLOOR_SHARE, meanRadiance } from "./comparison.ts";
 import type { Mode } from "./modes.ts";
@@ -80,14 +80,6 @@ export class ReferencePictures {
     this.decoded.clear();
     this.comparison = null;
   }
-}
-
-/** The saved view with a reference whose eye is nearest. */
-export function nearestReference(views: readonly ViewData[], eye: Vector3): number {
-  const distances = views.map((view) =>
-    view.reference ? eye.distanceTo(new Vector3(...view.camera.position)) : 1e30,
-  );
-  return distances.indexOf(Math.min(...distances));
 }
 
 /** Largest exposure at which a picture is not washed out; means over blocks keep the path tracer's noise out of it. */

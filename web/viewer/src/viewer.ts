@@ -11,7 +11,7 @@ import { needsReference } from "./presenter.ts";
 import { onContextLoss, seen } from "./renderer.ts";
 import type { TestObject } from "./test-object.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
-import { nearestReference } from "./reference-pictures.ts";
+import { hourOf, nearestReference, otherHour } from "./view-hour.ts";
 import { ViewerFrames } from "./viewer-frames.ts";
 
 const CONTEXT_LOST =
@@ -90,11 +90,15 @@ export class Viewer extends ViewerFrames {
     }
     if (mode === "split" && !this.canHold(this.against)) this.against = "direct";
     const [needed, needs] = [needsReference(this), needsReference({ mode, against: this.against })];
+    const hour = hourOf(this.lamps);
     if (needed && !needs) this.returnLamps();
     if (needs) {
       if (!needed) this.parked = this.lampController.states();
       if (this.view === null || !this.page.views[this.view]?.reference) {
-        this.setView(nearestReference(this.page.views, this.rig.camera.position));
+        const nearest = nearestReference(this.page.views, this.rig.camera.position, this.lamps);
+        this.setView(nearest);
+        const other = otherHour(this.page.views[nearest]!, hour, this.lamps);
+        if (other) this.say(other);
       }
       this.resetLight();
     }

@@ -1,6 +1,6 @@
 /** GLSL that tests shadows of declared lights against maps of distances, which engines draw. */
 
-import { SHADOW_LIFT, SHADOW_RADIUS } from "../shadow-lift.ts";
+import { SHADOW_LIFT, SHADOW_RADIUS, SUN_EDGE } from "../shadow-lift.ts";
 
 /** How many places of a map a test looks at. */
 const TAPS = 5;
@@ -8,6 +8,7 @@ const TAPS = 5;
 /** What all tests of a shader share. */
 export const SHADOW_TAPS = /* glsl */ `
 ${SHADOW_LIFT}
+${SUN_EDGE}
 vec2 lightwellTap( int tap ) {
   float turn = 2.399963229728653 * float( tap ) + 6.283185307179586 * fract( 52.9829189 * fract( dot( gl_FragCoord.xy, vec2( 0.06711056, 0.00583715 ) ) ) );
   return sqrt( ( float( tap ) + 0.5 ) / ${TAPS}.0 ) * vec2( cos( turn ), sin( turn ) );
@@ -25,7 +26,7 @@ float lightwellShadow${index}( LightwellSurface s ) {
   vec3 ray = s.place - ${place};
   vec3 reach = abs( ray );
   float texel = 2.0 * max( max( reach.x, reach.y ), reach.z ) / ${size};
-  ray += lightwellLift( s.facet, normalize( ray ), texel );
+  ray += lightwellLift( faceforward( s.facet, ray, s.facet ), normalize( ray ), texel, 0.5 );
   float far = length( ray );
   vec3 ahead = ray / far;
   vec3 side = normalize( cross( ahead, abs( ahead.x ) > abs( ahead.z ) ? vec3( 0.0, 1.0, 0.0 ) : vec3( 1.0, 0.0, 0.0 ) ) );
@@ -49,14 +50,14 @@ float lightwellShadow${index}( LightwellSurface s ) {
 export function sunShadow(index: number, toMap: string, toSun: string, size: string, stored: string): string {
   return /* glsl */ `
 float lightwellShadow${index}( LightwellSurface s ) {
-  float texel = 1.0 / ( length( vec3( ${toMap}[ 0 ].x, ${toMap}[ 1 ].x, ${toMap}[ 2 ].x ) ) * ${size} );
-  vec3 at = ( ${toMap} * vec4( s.place + lightwellLift( s.facet, - ${toSun}, texel ), 1.0 ) ).xyz;
+  float texel = lightwellTexel( ${toMap}, ${size} );
+  vec3 at = ( ${toMap} * vec4( s.place + lightwellSunLift( faceforward( s.facet, - ${toSun}, s.facet ), - ${toSun}, texel ), 1.0 ) ).xyz;
   if ( any( lessThan( at, vec3( 0.0 ) ) ) || any( greaterThan( at, vec3( 1.0 ) ) ) ) return 1.0;
   float lit = 0.0;
   for ( int tap = 0; tap < ${TAPS}; tap ++ ) {
     vec2 uv = at.xy + lightwellTap( tap ) * ${SHADOW_RADIUS.toFixed(1)} / ${size};
     lit += step( at.z, ${stored} );
   }
-  return lit / ${TAPS}.0;
+  return lightwellSunLight( lit / ${TAPS}.0, texel, 0.0 );
 }`;
 }

@@ -1,8 +1,8 @@
 /** The shadow of a declared light for `WebGPURenderer`: `shadow-lift.ts` in nodes. */
 
 import { type DirectionalLight, DoubleSide, type Material, type PointLight } from "three";
-import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, select, shadow, vec3, vec4 } from "three/tsl";
-import { SHADOW_RADIUS } from "../shadow-lift.ts";
+import { lightPosition, lightShadowMatrix, lightTargetPosition, pointShadow, positionWorld, reference, shadow, vec4 } from "three/tsl";
+import { COARSE, SHADOW_RADIUS, STRICT } from "../shadow-lift.ts";
 import type { AnyNode } from "./field-nodes.ts";
 import { coveredPosition } from "./surface-position.ts";
 
@@ -19,11 +19,12 @@ type DrawObject = (object: unknown, scene: unknown, camera: unknown, geometry: u
 export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
   const isPoint = (light as PointLight).isPointLight === true;
   const node: AnyNode = isPoint ? pointShadow(light as PointLight) : shadow(light);
-  const [coordinate, draw] = [node.setupShadowCoord, node.renderShadow];
+  const [coordinate, filter, draw] = [node.setupShadowCoord, node.setupShadowFilter, node.renderShadow];
   node.setupShadowCoord = (builder: unknown) => {
     const lifted = (coveredPosition() as AnyNode).add(isPoint ? liftOfPoint(light as PointLight) : liftOfSun(light as DirectionalLight));
     return coordinate.call(node, builder, (lightShadowMatrix(light) as AnyNode).mul((vec4 as AnyNode)(lifted, 1)));
   };
+  if (!isPoint) node.setupShadowFilter = (...given: unknown[]) => filter.call(node, ...given).sub(1).mul(edgeOf(texelOfSun(light as DirectionalLight))).add(1).max(0);
   node.renderShadow = (frame: AnyNode) => {
     const { renderer } = frame;
     const drawObject = renderer.getRenderObjectFunction() as DrawObject;
@@ -40,27 +41,38 @@ export function liftedShadow(light: PointLight | DirectionalLight): AnyNode {
 }
 
 function liftOfPoint(light: PointLight): AnyNode {
-  const toPoint = (coveredPosition() as AnyNode).sub(lightPosition(light));
-  const reach = toPoint.abs();
+  const toLight = (lightPosition(light) as AnyNode).sub(coveredPosition());
+  const reach = toLight.abs();
   const texel = reach.x.max(reach.y).max(reach.z).mul(2).div(sizeOf(light));
-  return lift(toPoint.normalize(), texel);
+  const facet = facetOf();
+  return lift(facet.mul(facet.dot(toLight).sign()), toLight, texel, 0.5);
 }
 
 function liftOfSun(light: DirectionalLight): AnyNode {
-  const matrix = lightShadowMatrix(light) as AnyNode;
-  const across = (vec3 as AnyNode)(matrix.element(0).x, matrix.element(1).x, matrix.element(2).x).length();
-  const ray = (lightTargetPosition(light) as AnyNode).sub(lightPosition(light)).normalize();
-  return lift(ray, across.mul(sizeOf(light)).reciprocal());
+  const texel = texelOfSun(light);
+  return lift(facetOf(), (lightPosition(light) as AnyNode).sub(lightTargetPosition(light)), texel, edgeOf(texel).sub(STRICT).div(2 - 2 * STRICT));
 }
 
-/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there. */
-function lift(ray: AnyNode, texel: AnyNode): AnyNode {
+function texelOfSun(light: DirectionalLight): AnyNode {
+  const across = (lightShadowMatrix(light) as AnyNode).transpose().element(0).xyz.length();
+  return across.mul(sizeOf(light)).reciprocal();
+}
+
+function edgeOf(texel: AnyNode): AnyNode {
+  return texel.reciprocal().mul(COARSE).clamp(1, STRICT);
+}
+
+/** Normal of the triangle on the side of the eye. */
+function facetOf(): AnyNode {
   const world = positionWorld as AnyNode;
-  const facet = world.dFdx().cross(world.dFdy()).normalize();
-  const cosine = facet.dot(ray).toVar();
-  const sine = cosine.mul(cosine).oneMinus().max(0).sqrt().max(LEAST_SINE);
-  const side = (select as AnyNode)(cosine.greaterThan(0), -1, 1);
-  return facet.mul(side.mul(texel).mul(SHADOW_RADIUS + 1).mul(sine)).sub(ray.mul(texel).mul(0.5));
+  return world.dFdx().cross(world.dFdy()).normalize();
+}
+
+/** From a point to where its shadow is tested; `texel` is one of the shadow map in world units there, `along` how many go to the light. */
+function lift(facet: AnyNode, toLight: AnyNode, texel: AnyNode, along: AnyNode | number): AnyNode {
+  const ray = toLight.normalize();
+  const sine = facet.cross(ray).length().max(LEAST_SINE);
+  return facet.mul(sine).mul(SHADOW_RADIUS + 1).add(ray.mul(along)).mul(texel);
 }
 
 function sizeOf(light: PointLight | DirectionalLight): AnyNode {

@@ -1,5 +1,6 @@
 /** The strip of saved views. */
 
+import { nameOfView } from "../view-hour.ts";
 import type { Viewer } from "../viewer.ts";
 import { el, ICONS, icon } from "./dom.ts";
 
@@ -34,7 +35,7 @@ function createHome(viewer: Viewer): HTMLElement {
 }
 
 function createButton(viewer: Viewer, index: number): HTMLButtonElement {
-  const { name } = viewer.page.views[index]!;
+  const name = nameOfView(viewer.page.views[index]!, viewer.lamps);
   const canvas = el("canvas", { ...THUMB, "aria-hidden": "true" });
   const onclick = () => viewer.setView(index);
   const button = el(
