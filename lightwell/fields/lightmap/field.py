@@ -30,23 +30,27 @@ from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
-from lightwell.fields.lightmap.square import AtlasChoice, AtlasLimits, atlas_of, roomy_atlas
+from lightwell.fields.lightmap.square import AtlasChoice, AtlasChoiceFormat, AtlasLimits, atlas_of, roomy_atlas
 from lightwell.fields.lightmap.state import EYE_PATHS, FittedLightmap, LightmapState, StillSamples
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
 from lightwell.fields.lightmap.validation import LightmapValidation
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import Job, Role
 from lightwell.fields.surface.tracing import path_rate
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.triangle_groups import triangle_groups
 from lightwell.scenes.variables import declare
 from lightwell.transport.irradiance import Irradiance, irradiance
-from lightwell.transport.texels import texel_points
+from lightwell.transport.texels import Texels, texel_points, texels
 
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
+# ... and, of what is left before both: the search for light on dark sides, and packing of the atlas.
+SIDES_SHARE, ATLAS_SHARE = 0.05, 0.1
 # Texels and paths that time the tracer; bounds of the paths per texel.
-TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
+TIMED_TEXELS, WARM_TEXELS, TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 1 << 17, 1 << 10, 4, 8, 4096
 # Bounds of the number of samples of radiance towards views.
 FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 19
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
@@ -58,7 +62,7 @@ COARSE = 1024
 # Mip level up to which charts do not mix, where none is asked for.
 MIPS = 1
 # Formats of stored samples.
-LIGHT, VIEWS = RecordFormat(Irradiance), RecordFormat(ViewSamples)
+LIGHT, VIEWS, ATLASES = RecordFormat(Irradiance), RecordFormat(ViewSamples), AtlasChoiceFormat()
 
 
 class LightmapField:
@@ -234,16 +238,20 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     job, scene, preset = state.job, state.scene, state.preset
     request, options = job.request, job.options
     # A variable light can reach every visible side.
-    look = lit_sides if state.variable is None else seen_sides
+    seconds = None if request.shards else SIDES_SHARE * learning_seconds(request.budget, job.work.elapsed)
+    look = partial(lit_sides, seconds=seconds) if state.variable is None else seen_sides
     part = job.work.part(field="lightmap")
     sides = part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
-    choice = _atlas(scene, options, preset, sides, limits)
-    atlas, size = choice.first, choice.first.size
-    first = None if request.shards else chart(scene, size, atlas.mips, TIMED_PATHS, request.seed, atlas=atlas)
+    deadline = np.inf if seconds is None else perf_counter() + ATLAS_SHARE / SIDES_SHARE * seconds
+    make = partial(_atlas, scene, options, preset, sides, limits, deadline)
+    # A packing that was ended by the time is kept for a resumed bake; one of groups takes no time and much space.
+    choice = make() if triangle_groups(scene).count else part.get("lightmap.atlas", make, ATLASES)
+    atlas = choice.first
+    first = None if request.shards else texels(scene, atlas)
     if first is not None:
         own_light = "static" in state.roles
         state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
-    state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
+    state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, atlas, state)), JSON)
     fewer(state)
     if first is not None and state.paths < limits.fewest_paths and choice.smaller:
         # A larger atlas is of no use where its texels are too noisy to be denoised.
@@ -253,29 +261,36 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
 
 
 def _atlas(
-    scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides, limits: AtlasLimits
+    scene: Scene,
+    options: LightmapOptions,
+    preset: LightmapPreset,
+    sides: TriangleSides,
+    limits: AtlasLimits,
+    deadline: float,
 ) -> AtlasChoice:
     """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
     size, mips = options.size or preset.size, MIPS if options.mips is None else options.mips
     if preset.base and not options.size:
-        return roomy_atlas(scene, size, mips, sides, limits, fixed=options.mips is not None)
-    atlas = atlas_of(scene, size, mips, sides)
+        return roomy_atlas(scene, size, mips, sides, limits, options.mips is not None, deadline)
+    atlas = atlas_of(scene, size, mips, sides, deadline=deadline)
     return AtlasChoice(atlas if preset.base else replace(atlas, size=min(size, COARSE)))
 
 
-def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, int]:
+def _counts(first: Texels | None, atlas: Atlas, state: LightmapState) -> tuple[int, int]:
     """Paths per texel and number of radiance samples; fixed where ``--shards`` is given."""
     request, preset = state.job.request, state.preset
     if first is None:
         return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT
-    start = perf_counter()
-    rows = np.arange(0, len(first.texels.index), 8)
-    probe, recipe = first.texels.points[rows], texel_points(first.atlas, len(first.texels.index), rows)
-    irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9, recipe)
+    rows = np.arange(0, len(first.index), max(8, len(first.index) // TIMED_TEXELS))
+    for timed in (rows[:WARM_TEXELS], rows):
+        # The first call compiles.
+        start = perf_counter()
+        probe, recipe = first.points[timed], texel_points(atlas, len(first.index), timed)
+        irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9, recipe)
     rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
     seconds = learning_seconds(request.budget, state.job.work.elapsed)
     share = TEXEL_SHARE if preset.base else 0.02
-    paths = int(np.clip(share * seconds * rate / len(first.texels.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
+    paths = int(np.clip(share * seconds * rate / len(first.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
     eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
     return paths, int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
 
