@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from lightwell.scenes.atlas_charts import NOWHERE as NOWHERE
 from lightwell.scenes.atlas_charts import components, cross, cut_charts, packed
+from lightwell.scenes.atlas_coverage import texel_hits as texel_hits
 from lightwell.scenes.scene import Mesh, Scene
 from lightwell.scenes.triangle_groups import triangle_groups
 from lightwell.scenes.welding import equal_rows
@@ -140,7 +141,9 @@ def _borrow(scene: Scene, uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | 
     A search for visible sides can miss some, and black is the worst guess.
     """
     groups = triangle_groups(scene)
-    missing = (chart < 0).all(axis=0) & (True if dark is None else ~dark.any(axis=0))
+    missing = (chart < 0).all(axis=0)
+    if dark is not None:
+        missing &= ~dark.any(axis=0)
     side, triangle = np.nonzero((chart >= 0) & groups.tested)
     asked, reader = groups.readers(missing)
     if not len(asked) or not len(side):
@@ -216,40 +219,6 @@ def _author_charts(scene: Scene) -> np.ndarray:
         labels.append(components(corners, int(inverse.max()) + 1) + count)
         count = int(labels[-1].max()) + 1
     return np.concatenate(labels)
-
-
-def texel_hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the triangles that cover each texel's centre, one triangle after the other.
-
-    Args:
-        uv: Corners of the triangles [T, 3, 2], in [0, 1].
-        chart: Chart of each triangle [T].
-        size: Texels along each edge.
-
-    Returns:
-        Counts [size, size], and the chart of the last triangle there [size, size], -1 where there is none.
-    """
-    hits, owner = np.zeros((size, size), np.int32), np.full((size, size), -1, np.int32)
-    for corners, number in zip(uv.astype(np.float64) * size, chart):
-        low = np.maximum(np.floor(corners.min(axis=0) - 0.5), 0).astype(int)
-        high = np.minimum(np.ceil(corners.max(axis=0) + 0.5), size).astype(int)
-        x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
-        a, b, c = corners
-        sign = 1.0 if cross(b - a, c - a) > 0 else -1.0
-        inside = np.ones(x.shape, bool)
-        for p, q in ((a, b), (b, c), (c, a)):
-            edge = sign * ((q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]))
-            # A texel centre on a shared edge belongs to one of its two triangles.
-            inside &= (edge > 0) | ((edge == 0) & _owns(p, q, sign))
-        hits[low[1] : high[1], low[0] : high[0]][inside] += 1
-        owner[low[1] : high[1], low[0] : high[0]][inside] = number
-    return hits, owner
-
-
-def _owns(p: np.ndarray, q: np.ndarray, sign: float) -> bool:
-    """Apply the top-left rule of rasterisers."""
-    d = sign * (q - p)
-    return bool(d[1] > 0 or (d[1] == 0 and d[0] < 0))
 
 
 def _gap(owner: np.ndarray) -> float:

@@ -12,6 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
+from lightwell.scenes.atlas_coverage import coverings as coverings
 from lightwell.scenes.atlas_panels import Panel, collect, laid_out, panels
 from lightwell.scenes.atlas_shelves import shelved
 from lightwell.scenes.packer import Packer, Packing
@@ -281,40 +282,6 @@ def _step(size: int, pad: int, now: tuple[float, float], last: tuple[float, floa
     # Padding does not shrink with the charts: where they are many, the edge is far from proportional to the scale.
     straight = max(1 + (size - extent) / (slope * scale), LEAST_STEP)
     return min(straight, step if extent > size else 1 / LEAST_STEP)
-
-
-def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Count the triangles that cover each texel's centre; a centre on a shared edge belongs to one of the two
-    triangles.
-
-    Args:
-        corners: [K, 3, 2] triangles, in texels.
-        width: Texels of a row.
-        height: Rows.
-
-    Returns:
-        [height, width] counts.
-    """
-    corners = corners.astype(np.float64) - 0.5
-    low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
-    high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
-    count = high - low
-    row = np.repeat(np.arange(len(corners)), count)
-    y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
-    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
-    for k in range(3):
-        # Always from the lower end, so that both triangles of an edge compute the same point.
-        ends = corners[:, [k, (k + 1) % 3]]
-        order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
-        p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
-        meets = (p[:, 1] <= y) & (q[:, 1] > y)
-        x = p[:, 0] + (q[:, 0] - p[:, 0]) * ((y - p[:, 1]) / np.where(meets, q[:, 1] - p[:, 1], 1.0))
-        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
-    some = np.isfinite(left)
-    hits = np.zeros((height, width + 1), np.int32)
-    for x, sign in ((left, 1), (right, -1)):
-        np.add.at(hits, (y[some], np.clip(np.ceil(x[some]), 0, width).astype(np.int64)), sign)
-    return hits.cumsum(axis=1)[:, :width]
 
 
 def _area(points: np.ndarray, corners: np.ndarray) -> float:

@@ -18,8 +18,8 @@ from lightwell.scenes.triangle_groups import TriangleGroups, nearest_axis, plana
 # A rectangle takes at most so many times the area of its triangles, and each edge this many texels at least.
 ROOMY, LEAST_EDGE = 2.0, 2.0
 # Corners of a rectangle, as shares of its edges, and its two triangles.
-CORNERS = np.float32([[0, 0], [1, 0], [1, 1], [0, 1]])
-TRIANGLES = np.uint32([[0, 1, 2], [0, 2, 3]])
+CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+TRIANGLES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
 
 
 @dataclass(frozen=True)
