@@ -141,7 +141,7 @@ def _borrow(scene: Scene, uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | 
     A search for visible sides can miss some, and black is the worst guess.
     """
     groups = triangle_groups(scene)
-    missing = (chart < 0).all(axis=0)
+    missing: np.ndarray = np.all(chart < 0, axis=0)
     if dark is not None:
         missing &= ~dark.any(axis=0)
     side, triangle = np.nonzero((chart >= 0) & groups.tested)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
@@ -124,6 +125,8 @@ def roomy_atlas(
         return AtlasChoice(atlas_of(scene, size, mips, sides, deadline=deadline))
     small = _try(scene, size, mips, sides, deadline)
     if isinstance(small, Atlas) and small.coverage >= limits.least_coverage:
+        return AtlasChoice(small)
+    if isinstance(small, Atlas) and small.coverage >= limits.usable and perf_counter() > deadline:
         return AtlasChoice(small)
     large = _try(scene, 2 * size, mips, sides, deadline)
     if mips and not fixed and not (isinstance(large, Atlas) and large.coverage >= limits.sparse):

@@ -96,7 +96,7 @@ def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: i
     """Irradiance / π at all texels; narrow charts, which the filter cannot denoise, get more paths."""
     light = _arriving(scene, covered.points, paths, seed, texel_points(atlas, len(covered.index)))
     rows = np.flatnonzero(narrow(covered))
-    more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
+    more = _narrow_factor(len(covered.index), len(rows))
     if more < 2:
         return light
     recipe = texel_points(atlas, len(covered.index), rows)
@@ -105,6 +105,25 @@ def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: i
     for name, column in columns.items():
         column[rows] = getattr(better, name)
     return replace(light, **columns)
+
+
+def _narrow_factor(texels: int, narrow: int) -> int:
+    """How many times the paths narrow texels get in addition; below 2: none."""
+    return int(min(NARROW_PATHS, NARROW_SHARE * texels / max(narrow, 1)))
+
+
+def narrow_cost(covered: Texels) -> int:
+    """Count the texels that the paths of narrow charts would be enough for, in addition to all texels.
+
+    Args:
+        covered: K covered texels.
+
+    Returns:
+        A count, up to ``NARROW_SHARE`` of K.
+    """
+    rows = int(narrow(covered).sum())
+    more = _narrow_factor(len(covered.index), rows)
+    return rows * more if more >= 2 else 0
 
 
 def traced_again(
