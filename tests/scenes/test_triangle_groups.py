@@ -1,8 +1,11 @@
 """Scenes of many triangles: groups of small ones, their charts, and the packing of boxes."""
 
+from time import perf_counter
+
 import numpy as np
 import pytest
 
+from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.atlas import build, charted, padding
 from lightwell.scenes.atlas_coverage import coverings, texel_hits
@@ -130,3 +133,14 @@ def test_equal_rows_are_numbered_as_numpy_does():
     first, kind = equal_rows(rows)
     assert (rows[first] == found).all()
     assert (kind == inverse.reshape(-1)).all()
+
+
+def test_a_search_whose_time_is_over_still_packs_all_charts():
+    scene = load("two-rooms")
+    lit = np.zeros((2, len(tables(scene).area)), bool)
+    lit[0] = True
+    atlas = build(scene, 512, lit, mips=1, deadline=perf_counter())
+    stored = atlas.chart >= 0
+    assert (stored == lit).all()
+    assert texel_hits(atlas.uv[stored], atlas.chart[stored], 512)[0].max() == 1
+    assert atlas.coverage < build(scene, 512, lit, mips=1).coverage
