@@ -108,18 +108,32 @@ def lit_sides(scene: Scene, seed: int, seconds: float | None = None) -> Triangle
 
 
 def _before_rooms(scene: Scene, sides: np.ndarray) -> np.ndarray:
-    """Those of the sides [2, T] that face space as wide as a room; the insides of walls and boxes do not."""
+    """Those of the sides [2, T] of which the middle faces space as wide as a room."""
     side, triangle = np.nonzero(sides)
     found = np.zeros_like(sides)
-    if len(side):
-        middle = np.full((len(side), 2), 1 / 3, np.float32)
-        position, _, flat = frames(scene, side_points(scene, triangle, side, middle))
-        outwards = flat * np.where(side == 0, 1, -1)[:, None]
-        start = position + LIFTED * scene.core_extent * outwards
-        ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
-        ray.maxt = mi.Float(ROOMY * scene.core_extent)
-        found[side, triangle] = ~np.array(scene.mi.ray_test(ray), bool)
+    middle = np.full((len(side), 2), 1 / 3, np.float32)
+    found[side, triangle] = before_rooms(scene, side_points(scene, triangle, side, middle))
     return found
+
+
+def before_rooms(scene: Scene, points: SurfacePoints) -> np.ndarray:
+    """Test whether points face space as wide as a room; the insides of walls and boxes do not.
+
+    Args:
+        scene: The scene.
+        points: N surface points.
+
+    Returns:
+        [N] bool.
+    """
+    if not len(points):
+        return np.zeros(0, bool)
+    position, _, flat = frames(scene, points)
+    outwards = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
+    start = position + LIFTED * scene.core_extent * outwards
+    ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
+    ray.maxt = mi.Float(ROOMY * scene.core_extent)
+    return ~np.array(scene.mi.ray_test(ray), bool)
 
 
 def _bright(

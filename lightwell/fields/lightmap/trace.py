@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
-from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
+from lightwell.fields.lightmap.sides import TriangleSides, before_rooms, lit_sides, matte
 from lightwell.fields.lightmap.square import atlas_of
 from lightwell.scenes.atlas import Atlas, padding
 from lightwell.scenes.executor import Recipe
@@ -199,7 +199,8 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     """Find the texels to store: finite light, not inside closed objects and, where they are black, visible from
     somewhere.
 
-    The floor under a box is black: read bilinearly it would darken the floor beside the box.
+    The floor under a box is black: read bilinearly it would darken the floor beside the box. The floor of a closed dark
+    room is black too, and a camera may stand there: it must not take the light of the floor outside.
 
     Args:
         scene: The scene.
@@ -215,6 +216,9 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     dark = np.flatnonzero(stored & (brightness < BLACK * brightness[stored].mean()))
     if len(dark):
         stored[dark] = reject(scene, covered.points[dark], seed=seed)
+        hidden = dark[~stored[dark]]
+        hidden = hidden[before_rooms(scene, covered.points[hidden])]
+        stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
     return stored
 
 
