@@ -49,7 +49,7 @@ from lightwell.transport.texels import Texels, texel_points, texels
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
 # ... and, of what is left before both: the search for light on dark sides, and packing of the atlas.
-SIDES_SHARE, ATLAS_SHARE = 0.05, 0.1
+SIDES_SHARE, ATLAS_SHARE = 0.05, 0.15
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_TEXELS, WARM_TEXELS, TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 1 << 17, 1 << 10, 4, 4, 4096
 # Bounds of the number of samples of radiance towards views.

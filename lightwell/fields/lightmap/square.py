@@ -123,14 +123,17 @@ def roomy_atlas(
     limits = limits or AtlasLimits()
     if 2 * size > limits.largest:
         return AtlasChoice(atlas_of(scene, size, mips, sides, deadline=deadline))
-    small = _try(scene, size, mips, sides, deadline)
+    # A third of the time for each packing: the last one is needed where the others are too sparse.
+    start = perf_counter()
+    ends = [start + k / 3 * (deadline - start) for k in (1, 2, 3)]
+    small = _try(scene, size, mips, sides, ends[0])
     if isinstance(small, Atlas) and small.coverage >= limits.least_coverage:
         return AtlasChoice(small)
     if isinstance(small, Atlas) and small.coverage >= limits.usable and perf_counter() > deadline:
         return AtlasChoice(small)
-    large = _try(scene, 2 * size, mips, sides, deadline)
+    large = _try(scene, 2 * size, mips, sides, ends[1])
     if mips and not fixed and not (isinstance(large, Atlas) and large.coverage >= limits.sparse):
-        large = _try(scene, 2 * size, 0, sides, deadline)
+        large = _try(scene, 2 * size, 0, sides, ends[2])
     if isinstance(large, ValueError):
         raise large
     return AtlasChoice(large, small if isinstance(small, Atlas) and small.coverage >= limits.usable else None)
