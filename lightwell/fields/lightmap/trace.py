@@ -30,6 +30,8 @@ from lightwell.transport.texels import Texels, texel_points, texels
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # Texels darker than this share of the mean are stored only if they are visible.
 BLACK = 0.02
+# Metres before a black texel of a closed room, in which somebody may stand; cupboards are lower.
+STANDING = 1.5
 # Surfaces darker than this keep the light of the surface tracer.
 LEAST_ALBEDO = 0.02
 
@@ -217,7 +219,7 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     if len(dark):
         stored[dark] = reject(scene, covered.points[dark], seed=seed)
         hidden = dark[~stored[dark]]
-        hidden = hidden[before_rooms(scene, covered.points[hidden])]
+        hidden = hidden[before_rooms(scene, covered.points[hidden], STANDING)]
         stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
     return stored
 
