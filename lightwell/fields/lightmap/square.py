@@ -129,8 +129,6 @@ def roomy_atlas(
     small = _try(scene, size, mips, sides, ends[0])
     if isinstance(small, Atlas) and small.coverage >= limits.least_coverage:
         return AtlasChoice(small)
-    if isinstance(small, Atlas) and small.coverage >= limits.usable and perf_counter() > deadline:
-        return AtlasChoice(small)
     large = _try(scene, 2 * size, mips, sides, ends[1])
     if mips and not fixed and not (isinstance(large, Atlas) and large.coverage >= limits.sparse):
         large = _try(scene, 2 * size, 0, sides, ends[2])
