@@ -105,6 +105,10 @@ def reject(
     keep = np.zeros(len(points), bool)
     keep[rows] = True
     found = Rejection(candidates=len(points), inside=len(points) - len(rows))
+    if not len(rows):
+        if report is not None:
+            report.add(found)
+        return keep
     near, wrong, escaped = _shares(scene, points[rows], seed)
     inside, facing = _inside(scene, points[rows])
     reasons = {

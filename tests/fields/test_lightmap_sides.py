@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from lightwell.fields.lightmap.density import seen_density
-from lightwell.fields.lightmap.sides import flat_neighbours, flat_parts, lit_sides, sides_in_sight
+from lightwell.fields.lightmap.sides import before_rooms, flat_neighbours, flat_parts, lit_sides, sides_in_sight
 from lightwell.fields.lightmap.trace import chart
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.default_light import under_sky
 from lightwell.scenes.scene import Material, Mesh
+from lightwell.transport.point_rejection import reject
 from lightwell.transport.queries import make_query
 from lightwell.transport.tables import tables
+from lightwell.transport.visible import side_points
 
 DOME, ROOM, TABLE = 0, 1, 2
 
@@ -120,3 +122,9 @@ def test_the_floor_of_a_closed_dark_room_does_not_take_the_light_outside():
     assert inside.sum() > 100 and made.stored[inside].all()
     assert made.light.mean[inside].max() < 0.01 * made.light.mean[on_floor].mean()
     assert under.sum() > 100 and not made.stored[under].any()
+
+
+def test_no_points_are_rejected_of_none(scene):
+    points = side_points(scene, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2), np.float32))
+    assert len(reject(scene, points)) == 0
+    assert len(before_rooms(scene, points)) == 0
