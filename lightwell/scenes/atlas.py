@@ -14,8 +14,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lightwell.scenes.atlas_charts import NOWHERE as NOWHERE
-from lightwell.scenes.atlas_charts import components, cross, packed, pieces
+from lightwell.scenes.atlas_charts import components, cross, cut_charts, packed
+from lightwell.scenes.atlas_coverage import texel_hits as texel_hits
 from lightwell.scenes.scene import Mesh, Scene
+from lightwell.scenes.triangle_groups import triangle_groups
+from lightwell.scenes.welding import equal_rows
 
 # A bilinear read at mip level m reaches this many texels of that level beyond its point: half a texel to the farther
 # centre, one between the centres.
@@ -93,6 +96,7 @@ def build(
     own: bool = True,
     dark: np.ndarray | None = None,
     faint: np.ndarray | None = None,
+    deadline: float = np.inf,
 ) -> Atlas:
     """Make the atlas of a scene.
 
@@ -106,6 +110,7 @@ def build(
         dark: [2, T] bool: sides that are visible and unlit, or must not read the light map (clear glass); they refer to
             the corner that no chart uses. All other sides that are not stored refer to the texels of the other side.
         faint: [2, T] bool: large sides that are hardly visible; they get fewer texels.
+        deadline: ``perf_counter()`` at which the search for a better packing ends.
 
     Returns:
         The atlas.
@@ -121,8 +126,11 @@ def build(
         reason = own_fault(scene, size, lit, mips)
         if not reason:
             return _authored(scene, size, lit, mips, first)
-    cut = pieces(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
-    uv, chart = packed(cut, size, padding(mips), lit)
+    groups = triangle_groups(scene)
+    if groups.count:
+        reason += f"; {np.count_nonzero(~groups.alone)} small triangles share charts in {groups.count} groups"
+    cut = cut_charts(scene, lit, density, np.zeros_like(lit) if faint is None else faint)
+    uv, chart = packed(cut, size, padding(mips), lit, deadline)
     _borrow(scene, uv, chart, dark)
     return Atlas(size, mips, _both(uv, chart, dark), chart, first, f"xatlas ({reason})")
 
@@ -132,16 +140,21 @@ def _borrow(scene: Scene, uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | 
 
     A search for visible sides can miss some, and black is the worst guess.
     """
-    missing = (chart < 0).all(axis=0) & (True if dark is None else ~dark.any(axis=0))
-    side, triangle = np.nonzero(chart >= 0)
-    if not missing.any() or not len(side):
+    groups = triangle_groups(scene)
+    missing: np.ndarray = np.all(chart < 0, axis=0)
+    if dark is not None:
+        missing &= ~dark.any(axis=0)
+    side, triangle = np.nonzero((chart >= 0) & groups.tested)
+    asked, reader = groups.readers(missing)
+    if not len(asked) or not len(side):
         return
-    corners = np.concatenate([m.positions[m.indices.astype(np.int64)] for m in scene.meshes]).astype(np.float64)
+    rows, of = np.unique(np.concatenate([triangle, asked]), return_inverse=True)
+    corners = np.concatenate([m.positions[m.indices.astype(np.int64)] for m in scene.meshes])[rows].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     place = np.concatenate([corners.mean(axis=1), TURN * scene.core_extent * normal], axis=1)
-    nearest = cKDTree(place[triangle]).query(place[missing])[1]
-    uv[:, missing] = uv[side[nearest], triangle[nearest]].mean(axis=1)[None, :, None]
+    nearest = cKDTree(place[of[: len(triangle)]]).query(place[of[len(triangle) :]])[1]
+    uv[:, missing] = uv[side[nearest], triangle[nearest]].mean(axis=1)[reader][None, :, None]
 
 
 def _both(uv: np.ndarray, chart: np.ndarray, dark: np.ndarray | None) -> np.ndarray:
@@ -201,46 +214,11 @@ def _author_charts(scene: Scene) -> np.ndarray:
     """Number the connected parts of the author's coordinates [T]: corners that share both position and uv."""
     labels, count = [], 0
     for mesh in scene.meshes:
-        key = np.concatenate([mesh.positions, mesh.uv1], axis=1)
-        _, inverse = np.unique(key, axis=0, return_inverse=True)
-        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
+        inverse = equal_rows(np.concatenate([mesh.positions, mesh.uv1], axis=1))[1]
+        corners = inverse[mesh.indices.astype(np.int64)]
         labels.append(components(corners, int(inverse.max()) + 1) + count)
         count = int(labels[-1].max()) + 1
     return np.concatenate(labels)
-
-
-def texel_hits(uv: np.ndarray, chart: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count the triangles that cover each texel's centre, one triangle after the other.
-
-    Args:
-        uv: Corners of the triangles [T, 3, 2], in [0, 1].
-        chart: Chart of each triangle [T].
-        size: Texels along each edge.
-
-    Returns:
-        Counts [size, size], and the chart of the last triangle there [size, size], -1 where there is none.
-    """
-    hits, owner = np.zeros((size, size), np.int32), np.full((size, size), -1, np.int32)
-    for corners, number in zip(uv.astype(np.float64) * size, chart):
-        low = np.maximum(np.floor(corners.min(axis=0) - 0.5), 0).astype(int)
-        high = np.minimum(np.ceil(corners.max(axis=0) + 0.5), size).astype(int)
-        x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
-        a, b, c = corners
-        sign = 1.0 if cross(b - a, c - a) > 0 else -1.0
-        inside = np.ones(x.shape, bool)
-        for p, q in ((a, b), (b, c), (c, a)):
-            edge = sign * ((q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]))
-            # A texel centre on a shared edge belongs to one of its two triangles.
-            inside &= (edge > 0) | ((edge == 0) & _owns(p, q, sign))
-        hits[low[1] : high[1], low[0] : high[0]][inside] += 1
-        owner[low[1] : high[1], low[0] : high[0]][inside] = number
-    return hits, owner
-
-
-def _owns(p: np.ndarray, q: np.ndarray, sign: float) -> bool:
-    """Apply the top-left rule of rasterisers."""
-    d = sign * (q - p)
-    return bool(d[1] > 0 or (d[1] == 0 and d[0] < 0))
 
 
 def _gap(owner: np.ndarray) -> float:
@@ -320,7 +298,8 @@ def _charted(mesh: Mesh, indices: np.ndarray, uv: np.ndarray, name: str) -> Mesh
     """Make a mesh with one vertex for every distinct (vertex, uv)."""
     corner = indices.astype(np.int64).reshape(-1)
     key = np.concatenate([corner[:, None].astype(np.float64), uv.reshape(-1, 2)], axis=1)
-    found, inverse = np.unique(key, axis=0, return_inverse=True)
+    vertex, inverse = equal_rows(key)
+    found = key[vertex]
     source = found[:, 0].astype(np.int64)
 
     def take(values: np.ndarray | None) -> np.ndarray | None:

@@ -5,15 +5,22 @@ Notation: see ``atlas``; K triangles of a piece; charts are laid out in the plan
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from time import perf_counter
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
+from lightwell.scenes.atlas_coverage import coverings as coverings
+from lightwell.scenes.atlas_panels import Panel, collect, laid_out, panels
+from lightwell.scenes.atlas_shelves import shelved
 from lightwell.scenes.packer import Packer, Packing
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.scene_cache import Derived
+from lightwell.scenes.triangle_groups import triangle_groups
+from lightwell.scenes.welding import components as components
+from lightwell.scenes.welding import equal_rows
 
 # Points [N, 2], triangles [T, 3] and number of charts of a piece.
 Laid = tuple[np.ndarray, np.ndarray, int]
@@ -58,7 +65,7 @@ class Piece:
 
 
 def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> list[Piece]:
-    """Divide the triangles of a scene into pieces for cutting.
+    """Divide the triangles of a scene, but for those in groups, into pieces for cutting.
 
     Per mesh: the triangles that are lit from any side, then those lit from both sides once more, with opposite winding;
     triangles that are hardly visible on that side are pieces of their own.
@@ -73,14 +80,17 @@ def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.
         The pieces.
     """
     pieces, start = [], 0
+    lit = lit & triangle_groups(scene).alone
     # The first piece of a triangle that is lit from its back only is the back.
     shown = (np.where(lit[0], faint[0], faint[1]), faint[1])
     for number, mesh in enumerate(scene.meshes):
         here = np.arange(start, start + len(mesh.indices))
         start += len(mesh.indices)
+        if not lit[:, here].any():
+            continue
         scale = 1.0 if density is None else float(density[number])
-        welded, inverse = np.unique(mesh.positions, axis=0, return_inverse=True)
-        corners = inverse.reshape(-1)[mesh.indices.astype(np.int64)]
+        vertex, inverse = equal_rows(mesh.positions)
+        welded, corners = mesh.positions[vertex], inverse[mesh.indices.astype(np.int64)]
         for side, wanted in ((0, lit[:, here].any(axis=0)), (1, lit[:, here].all(axis=0))):
             for few in (False, True):
                 chosen = wanted & (shown[side][here] == few)
@@ -93,14 +103,64 @@ def pieces(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.
     return pieces
 
 
-def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut pieces into charts and pack them into one square.
+@dataclass(frozen=True)
+class Cut:
+    """Charts that are cut and not yet packed."""
+
+    pieces: list[Piece]
+    flat: list[tuple[np.ndarray, np.ndarray]]
+    """Points [V, 2] in texels and corners [K, 3] of every piece."""
+    charts: int
+    panels: list[Panel]
+    """Charts of groups of small triangles."""
+    texels: float
+    """Texels per metre of the points, for meshes of mean density."""
+
+    @property
+    def total(self) -> float:
+        """Area of all charts, texels."""
+        area = sum(_area(points, corners) for points, corners in self.flat)
+        return area + self.texels**2 * sum(float(panel.edges.prod()) for panel in self.panels)
+
+
+CUT = Derived[Cut]("scenes.atlas_cut")
+
+
+def cut_charts(scene: Scene, lit: np.ndarray, density: np.ndarray | None, faint: np.ndarray) -> Cut:
+    """Cut the stored sides of a scene into charts; the last result is kept with the scene, for atlases of other sizes.
 
     Args:
-        cut: Pieces to cut.
+        scene: Scene with T triangles in M meshes.
+        lit: [2, T] bool: sides to store.
+        density: [M] texels per metre of each mesh relative to the others; None: the same for all.
+        faint: [2, T] bool: sides that get fewer texels.
+
+    Returns:
+        The charts.
+    """
+
+    def made() -> Cut:
+        cut, rest = pieces(scene, lit, density, faint), panels(scene, lit, density, triangle_groups(scene))
+        surface = sum(_surface(piece) for piece in cut) + sum(float(panel.edges.prod()) for panel in rest)
+        texels = CUT_EDGE / np.sqrt(max(surface, 1e-30))
+        with Packer() as packer:
+            flat, charts = packer.cut([(piece.positions, piece.indices) for piece in cut], texels)
+        flat = [_finite(piece, points, corners, texels) for piece, (points, corners) in zip(cut, flat)]
+        return Cut(cut, flat, charts + len(rest), rest, float(texels))
+
+    arrays = (lit, faint) if density is None else (lit, faint, density)
+    return scene.cache.get(CUT, made, hashlib.sha256(b"".join(a.tobytes() for a in arrays)).hexdigest())
+
+
+def packed(cut: Cut, size: int, pad: int, lit: np.ndarray, deadline: float = np.inf) -> tuple[np.ndarray, np.ndarray]:
+    """Pack charts into one square.
+
+    Args:
+        cut: Charts.
         size: Texels along each edge.
         pad: Texels of padding around each chart.
         lit: [2, T] bool: sides to store.
+        deadline: ``perf_counter()`` at which the search for a better packing ends.
 
     Returns:
         uv [2, T, 3, 2] and charts [2, T].
@@ -108,20 +168,21 @@ def packed(cut: Sequence[Piece], size: int, pad: int, lit: np.ndarray) -> tuple[
     Raises:
         ValueError: The charts do not fit into the square.
     """
-    texels = CUT_EDGE / np.sqrt(max(sum(_surface(piece) for piece in cut), 1e-30))
-    with Packer() as packer:
-        flat, charts = packer.cut([(piece.positions, piece.indices) for piece in cut], texels)
-        flat = [_finite(piece, points, corners, texels) for piece, (points, corners) in zip(cut, flat)]
-        total = sum(_area(points, corners) for points, corners in flat)
-        scale = np.sqrt(0.6 * size * size / max(total, 1e-30))
-        cut, laid = _merged(cut, flat, scale)
-        best = fitted(laid, size, pad, scale, packer.pack)
-    if best is None or total * best[0] ** 2 < LEAST_COVERAGE * size * size:
+    scale = np.sqrt(0.6 * size * size / max(cut.total, 1e-30))
+    made, laid = _merged(cut.pieces, cut.flat, scale)
+    laid += [laid_out(panel, cut.texels, scale) for panel in cut.panels]
+    best = None
+    if not cut.panels:
+        with Packer() as packer:
+            best = fitted(laid, size, pad, scale, packer.pack, deadline=deadline)
+    if best is None and (cut.panels or perf_counter() > deadline):
+        best = shelved(laid, size, pad)
+    if best is None or cut.total * best[0] ** 2 < LEAST_COVERAGE * size * size:
         raise ValueError(
-            f"atlas: {charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
+            f"atlas: {cut.charts} charts with {pad} texels of padding do not fit into {size} x {size} texels; "
             "give a larger --size or fewer --mips"
         )
-    return _collected(best[1], cut, size, pad + 1, lit)
+    return _collected(best[1], made, size, pad + 1, lit, cut.panels)
 
 
 def _surface(piece: Piece) -> float:
@@ -161,6 +222,7 @@ def fitted(
     pack: Callable[..., Packing],
     apart: Callable[[Packing], bool] = _apart,
     rounds: int = GOAL_ROUNDS,
+    deadline: float = np.inf,
 ) -> tuple[float, Packing] | None:
     """Search the largest scale at which charts fit a square.
 
@@ -175,6 +237,7 @@ def fitted(
         pack: As ``Packer.pack``.
         apart: Function that tells whether no two charts of a packing overlap.
         rounds: Scales that are tried in the end because they would fill the square, at most.
+        deadline: ``perf_counter()`` at which the search ends with what it has.
 
     Returns:
         Scale and packing; None where none fits.
@@ -182,7 +245,7 @@ def fitted(
     brute, best = sum(f[2] for f in laid) * (size / 1024) ** 3 <= BRUTE_CHARTS, None
     area, last = sum(_area(points, corners) for points, corners, _ in laid), (0.0, np.inf)
     for attempt in range(2 * FIT_ROUNDS):
-        if best is not None and attempt >= FIT_ROUNDS:
+        if (best is not None and attempt >= FIT_ROUNDS) or perf_counter() > deadline:
             break
         packing, extent = _scaled(laid, scale, pad, brute, pack)
         if extent <= size and (best is None or scale > best[0]) and apart(packing):
@@ -196,7 +259,7 @@ def fitted(
         scale *= step * (SHRINK if extent > size else 1.0)
     coverage = 0.0 if best is None else area * best[0] ** 2 / size**2
     for wanted in GOAL - GOAL_STEP * np.arange(rounds):
-        if wanted <= coverage:
+        if wanted <= coverage or perf_counter() > deadline:
             break
         scale = np.sqrt(wanted * size * size / area)
         packing, extent = _scaled(laid, scale, pad, brute, pack)
@@ -219,40 +282,6 @@ def _step(size: int, pad: int, now: tuple[float, float], last: tuple[float, floa
     # Padding does not shrink with the charts: where they are many, the edge is far from proportional to the scale.
     straight = max(1 + (size - extent) / (slope * scale), LEAST_STEP)
     return min(straight, step if extent > size else 1 / LEAST_STEP)
-
-
-def coverings(corners: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Count the triangles that cover each texel's centre; a centre on a shared edge belongs to one of the two
-    triangles.
-
-    Args:
-        corners: [K, 3, 2] triangles, in texels.
-        width: Texels of a row.
-        height: Rows.
-
-    Returns:
-        [height, width] counts.
-    """
-    corners = corners.astype(np.float64) - 0.5
-    low = np.clip(np.ceil(corners[..., 1].min(axis=1)), 0, height).astype(np.int64)
-    high = np.clip(np.ceil(corners[..., 1].max(axis=1)), 0, height).astype(np.int64)
-    count = high - low
-    row = np.repeat(np.arange(len(corners)), count)
-    y = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + low[row]
-    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
-    for k in range(3):
-        # Always from the lower end, so that both triangles of an edge compute the same point.
-        ends = corners[:, [k, (k + 1) % 3]]
-        order = np.lexsort((ends[..., 0], ends[..., 1]), axis=1)
-        p, q = (np.take_along_axis(ends, order[:, [j]][..., None], axis=1)[:, 0][row] for j in (0, 1))
-        meets = (p[:, 1] <= y) & (q[:, 1] > y)
-        x = p[:, 0] + (q[:, 0] - p[:, 0]) * ((y - p[:, 1]) / np.where(meets, q[:, 1] - p[:, 1], 1.0))
-        left, right = np.where(meets, np.minimum(left, x), left), np.where(meets, np.maximum(right, x), right)
-    some = np.isfinite(left)
-    hits = np.zeros((height, width + 1), np.int32)
-    for x, sign in ((left, 1), (right, -1)):
-        np.add.at(hits, (y[some], np.clip(np.ceil(x[some]), 0, width).astype(np.int64)), sign)
-    return hits.cumsum(axis=1)[:, :width]
 
 
 def _area(points: np.ndarray, corners: np.ndarray) -> float:
@@ -320,15 +349,16 @@ def _scaled(
 
 
 def _collected(
-    packing: Packing, pieces: Sequence[Piece], size: int, border: int, lit: np.ndarray
+    packing: Packing, pieces: Sequence[Piece], size: int, border: int, lit: np.ndarray, rest: Sequence[Panel]
 ) -> tuple[np.ndarray, np.ndarray]:
     uv = np.full((*lit.shape, 3, 2), NOWHERE, np.float32)
     chart = np.full(lit.shape, -1, np.int32)
     count = 0
+    # The corner texel stays free for hidden triangles.
+    places = [(points[corners] + np.float32(border)) / np.float32(size) for points, corners in packing.meshes]
     for k, piece in enumerate(pieces):
         points, corners = packing.meshes[k]
-        # The corner texel stays free for hidden triangles.
-        place = (points[corners] + np.float32(border)) / np.float32(size)
+        place = places[k]
         numbers = components(corners.astype(np.int64), len(points))
         # The first piece of a triangle that is lit from its back only is the back.
         side = np.where(lit[0, piece.triangle], 0, 1) if piece.side == 0 else 1
@@ -339,20 +369,5 @@ def _collected(
         uv[side, piece.triangle] = place if piece.side == 0 else place[:, ::-1]
         chart[side, piece.triangle] = numbers + count
         count += int(numbers.max()) + 1
+    collect(rest, places[len(pieces) :], uv, chart, count)
     return np.clip(uv, 0, 1), chart
-
-
-def components(corners: np.ndarray, count: int) -> np.ndarray:
-    """Number the connected parts of a mesh.
-
-    Args:
-        corners: [K, 3] vertices of triangles.
-        count: Number of vertices.
-
-    Returns:
-        [K] part of each triangle, from 0.
-    """
-    rows, columns = corners[:, [0, 1]].reshape(-1), corners[:, [1, 2]].reshape(-1)
-    links = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count, count))
-    _, label = connected_components(links, directed=False)
-    return np.unique(label[corners[:, 0]], return_inverse=True)[1].reshape(-1)

@@ -11,6 +11,7 @@ import numpy as np
 
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import Mesh, Scene
+from lightwell.scenes.welding import equal_rows
 
 # Light is continuous across a seam when the shading normals of both sides are as near as this, in degrees.
 SMOOTH = 5.0
@@ -73,8 +74,7 @@ def _of_mesh(scene: Scene, atlas: Atlas, number: int, side: int) -> tuple[np.nda
     mesh, first = scene.meshes[number], atlas.first[number]
     indices = mesh.indices.astype(np.int64)
     stored = atlas.chart[side, first : first + len(indices)] >= 0
-    _, welded = np.unique(mesh.positions, axis=0, return_inverse=True)
-    corners = welded.reshape(-1)[indices]
+    corners = equal_rows(mesh.positions)[1][indices]
     begin, triangle = np.tile([0, 1, 2], len(indices)), np.repeat(np.arange(len(indices)), 3)
     a, b = corners[triangle, begin], corners[triangle, (begin + 1) % 3]
     use = stored[triangle] & (a != b)

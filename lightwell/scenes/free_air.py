@@ -16,6 +16,7 @@ from lightwell.backend import dr, mi, upload_floats
 
 from .scene import Mesh, Scene
 from .scene_cache import Derived
+from .welding import equal_rows
 
 # A point is inside something, or behind the walls of a room, when more of its first hits than this are back faces.
 BACK_FACES = 0.25
@@ -265,8 +266,8 @@ def is_closed(mesh: Mesh) -> bool:
     Returns:
         True for a closed mesh.
     """
-    _, same = np.unique(np.round(mesh.positions, 5), axis=0, return_inverse=True)
-    triangles = same.reshape(-1)[mesh.indices].astype(np.int64)
+    same = equal_rows(np.round(mesh.positions, 5))[1]
+    triangles = same[mesh.indices].astype(np.int64)
     start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     edges, sign = np.minimum(start, end) * (same.max() + 1) + np.maximum(start, end), np.sign(end - start)
     _, groups = np.unique(edges, return_inverse=True)

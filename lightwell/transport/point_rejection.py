@@ -85,6 +85,7 @@ def reject(
     is_open: bool | None = None,
     seed: int = 0,
     report: Rejection | None = None,
+    walks: bool = True,
 ) -> np.ndarray:
     """Test whether points can be lit and seen from the side of their view (specification 2.5).
 
@@ -94,6 +95,7 @@ def reject(
         is_open: Outdoor scene: keep sides that see nothing but the sky. None: measured, see ``room``.
         seed: Seed of the test rays.
         report: Receives the counts of dropped points, by reason.
+        walks: Drop points from which random walks find no camera, no lamp and no sky: also those of closed rooms.
 
     Returns:
         [N] bool, True for points to keep.
@@ -103,6 +105,10 @@ def reject(
     keep = np.zeros(len(points), bool)
     keep[rows] = True
     found = Rejection(candidates=len(points), inside=len(points) - len(rows))
+    if not len(rows):
+        if report is not None:
+            report.add(found)
+        return keep
     near, wrong, escaped = _shares(scene, points[rows], seed)
     inside, facing = _inside(scene, points[rows])
     reasons = {
@@ -115,7 +121,7 @@ def reject(
         setattr(found, reason, getattr(found, reason) + int((mask & keep[rows]).sum()))
         keep[rows[mask]] = False
     # Random walks are the most expensive test: they run only for points that passed the others.
-    rows = np.flatnonzero(keep)
+    rows = np.flatnonzero(keep & walks)
     hidden = rows[~reached(scene, points[rows], _witnesses(scene), is_open, seed)]
     keep[hidden] = False
     found.unreachable = len(hidden)

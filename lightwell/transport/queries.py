@@ -94,8 +94,9 @@ def frames(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray,
         front of the triangles; [N, 3] float32 each.
     """
     position, normal, flat = np.zeros((3, len(points), 3), np.float32)
-    for index in np.unique(points.shape):
-        rows = np.flatnonzero(points.shape == index)
+    order = np.argsort(points.shape, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(points.shape[order])) + 1) if len(order) else ():
+        index = int(points.shape[rows[0]])
         mesh = scene.meshes[index]
         corners = mesh.indices[points.triangle[rows]]
         b1, b2 = np.asarray(points.barycentric[rows], np.float64).T

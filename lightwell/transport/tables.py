@@ -14,6 +14,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Mesh, Scene
 from lightwell.scenes.scene_cache import Derived
+from lightwell.scenes.welding import equal_rows
 
 # Vertices nearer than this share of a mesh's extent are one vertex when asking whether the mesh is closed.
 WELD = 1e-5
@@ -82,9 +83,10 @@ def _build(scene: Scene) -> SceneTables:
     flag = mi.BSDFFlags
     one_way = np.array([not f & int(flag.Transmission) and not f & int(flag.Null) for f in flags])
     turn = np.array([_orientation(m) for m in scene.meshes])
-    shell = np.array([_is_shell(scene, i, turn[i]) for i in range(len(counts))], bool)
+    areas = [m.triangle_areas for m in scene.meshes]
+    shell = _shells(scene, turn, np.array([area.sum() for area in areas]))
     return SceneTables(
-        area=np.concatenate([m.triangle_areas for m in scene.meshes]),
+        area=np.concatenate(areas),
         mesh_of=np.repeat(np.arange(len(counts), dtype=np.uint32), counts),
         first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         glossy=np.array([bool(f & int(flag.Glossy | flag.Delta)) for f in flags]),
@@ -111,8 +113,8 @@ def _orientation(mesh: Mesh) -> int:
     """Return +1 (normals outwards) or -1 for a closed mesh, whose edges occur once in each direction; else 0."""
     extent = float(np.ptp(mesh.positions, axis=0).max())
     key = np.round(mesh.positions.astype(np.float64) / max(extent * WELD, 1e-30)).astype(np.int64)
-    _, welded = np.unique(key, axis=0, return_inverse=True)
-    faces = welded.reshape(-1)[mesh.indices.astype(np.int64)]
+    welded = equal_rows(key)[1]
+    faces = welded[mesh.indices.astype(np.int64)]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
     if len(faces) < 4:
         return 0
@@ -125,19 +127,21 @@ def _orientation(mesh: Mesh) -> int:
     return int(np.sign(np.einsum("ij,ij->i", a, np.cross(b, c)).sum()))
 
 
-def _is_shell(scene: Scene, index: int, orientation: int) -> bool:
-    """Test whether a closed mesh is the shell of a room: alone with inward normals, or around the other meshes."""
-    others = [m for i, m in enumerate(scene.meshes) if i != index]
-    if orientation == 0 or not others:
-        return orientation < 0
-    low, high = scene.meshes[index].positions.min(axis=0), scene.meshes[index].positions.max(axis=0)
-    middle = np.array([(m.positions.min(axis=0) + m.positions.max(axis=0)) / 2 for m in others])
-    within = ((middle > low) & (middle < high)).all(axis=1)
-    area = np.array([m.triangle_areas.sum() for m in others])
-    if (area * within).sum() < SHELL_SHARE * area.sum():
-        return False
+def _shells(scene: Scene, turn: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Find the closed meshes [M] that are shells of rooms: alone with inward normals, or around the other meshes."""
+    boxes = np.array([(m.positions.min(axis=0), m.positions.max(axis=0)) for m in scene.meshes]).reshape(-1, 2, 3)
+    if len(turn) == 1:
+        return turn < 0
+    shell = np.zeros(len(turn), bool)
     eyes = np.array([c.position for c in scene.cameras] + [l.position for l in scene.lights]).reshape(-1, 3)
-    return orientation < 0 or bool(((eyes > low) & (eyes < high)).all(axis=1).any())
+    middle = (boxes[:, 0] + boxes[:, 1]) / 2
+    for index in np.flatnonzero(turn):
+        low, high = boxes[index]
+        within = ((middle > low) & (middle < high)).all(axis=1)
+        within[index] = False
+        around = (area * within).sum() >= SHELL_SHARE * (area.sum() - area[index])
+        shell[index] = around and (turn[index] < 0 or ((eyes > low) & (eyes < high)).all(axis=1).any())
+    return shell
 
 
 def shape_lookup(scene: Scene) -> mi.UInt32:

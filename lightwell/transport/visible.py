@@ -22,13 +22,17 @@ POINTS = 1 << 14
 PLACES = ((1 / 3, 1 / 3),)
 
 
-def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) -> np.ndarray:
+def visible_sides(
+    scene: Scene, seed: int = 0, report: Rejection | None = None, within: np.ndarray | None = None
+) -> np.ndarray:
     """Find the sides of triangles on which some point borders on air (``lightwell.transport.point_rejection``).
 
     Args:
         scene: Scene with T triangles.
         seed: Seed of the points that are tested.
         report: Receives the counts of dropped points, by reason.
+        within: [T] bool: triangles of which each is tested; of the others, only those that random points lie on.
+            None: all.
 
     Returns:
         [2, T] bool.
@@ -37,8 +41,9 @@ def visible_sides(scene: Scene, seed: int = 0, report: Rejection | None = None) 
     found = np.zeros((2, len(t.area)), bool)
     numbers = Sobol(7, np.random.default_rng([seed, 0xA7]))
     _look(scene, candidates(scene, numbers.random(POINTS), whole(scene)), found, seed, report)
+    each = t.area > 0 if within is None else (t.area > 0) & within
     for place in PLACES:
-        side, triangle = np.nonzero(~found & (t.area > 0))
+        side, triangle = np.nonzero(~found & each)
         points = side_points(scene, triangle, side, np.broadcast_to(np.float32(place), (len(triangle), 2)))
         _look(scene, points, found, seed, report)
     return found

@@ -286,17 +286,15 @@ def test_the_best_of_several_starts_is_taken():
     assert fitting.fitted(scene, made, eyes, PRESETS["default"], 0, 19, starts=starts).seed == 0 and len(seen) == 2
 
 
-@pytest.mark.parametrize(
-    ("fewest", "size", "times"), [(2, 128, 1), pytest.param(100_000, 64, 4, marks=pytest.mark.slow)]
-)
-def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size, times):
+@pytest.mark.parametrize(("fewest", "size"), [(0, 128), pytest.param(100_000, 64, marks=pytest.mark.slow)])
+def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size):
     """What small charts gain by larger texels' noise they lose: the square stays as it is where paths are few."""
     presets = {"plain": dataclasses.replace(PRESETS["plain"], size=64)}
     field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest, usable=0.0))
     changes = {"options": {"mips": 0}, "steps": 10, "shards": None, "budget": Budget(0.1)}
     state, samples = lit(field, BakeSettings("cornell", tmp_path, preset="plain", **SMALL | changes))
-    planned, _ = state.job.work.part(field="lightmap").find("lightmap.counts", JSON)
-    assert (state.atlas.size, state.paths) == (size, times * planned)
+    planned, _, smaller = state.job.work.part(field="lightmap").find("lightmap.counts", JSON)
+    assert (state.atlas.size, state.paths, smaller) == (size, planned, size == 64)
     fit = field.fit(state, "static", samples)
     assert fit.plan["texel_paths"] == state.paths and fit.chart.atlas.size == size
     assert fit.lower().graph.buffers["e"].shape[:2] == (size, size)

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 
 from lightwell.fields.lightmap.density import seen_density
-from lightwell.fields.lightmap.sides import flat_neighbours, flat_parts, lit_sides, sides_in_sight
+from lightwell.fields.lightmap.sides import before_rooms, flat_neighbours, flat_parts, lit_sides, sides_in_sight
+from lightwell.fields.lightmap.trace import chart
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.default_light import under_sky
 from lightwell.scenes.scene import Material, Mesh
+from lightwell.transport.point_rejection import reject
+from lightwell.transport.queries import make_query
 from lightwell.transport.tables import tables
+from lightwell.transport.visible import side_points
 
 DOME, ROOM, TABLE = 0, 1, 2
 
@@ -90,3 +94,37 @@ def test_a_closed_dark_room_does_not_read_the_light_outside():
     room = tables(scene).mesh_of == 0
     assert not sides.lit[0, room].any() and sides.dark[0, room].all()
     assert sides.lit[1, room].any()
+
+
+def test_the_floor_of_a_closed_dark_room_does_not_take_the_light_outside():
+    """One triangle of the floor lies inside and outside; of what lies under a solid block nothing is seen, ever."""
+
+    def walls_and_lid(name: str, low, high, inwards: bool) -> list[Mesh]:
+        (x0, _, z0), (x1, y1, z1) = low, high
+        lid = np.float32([[x0, y1, z0], [x0, y1, z1], [x1, y1, z1], [x1, y1, z0]])
+        triangles = np.uint32([[0, 2, 1], [0, 3, 2]] if inwards else [[0, 1, 2], [0, 2, 3]])
+        return [box(name, low, high, inwards), Mesh("lid", lid, triangles, 0)]
+
+    # The block is one closed mesh, a solid; the room is not.
+    walls, lid = walls_and_lid("block", (-8, -0.5, -3), (-2, 2.5, 3), False)
+    corners = np.concatenate([walls.positions, lid.positions])
+    block = replace(
+        walls, positions=corners, indices=np.concatenate([walls.indices, lid.indices + len(walls.positions)])
+    )
+    floor = np.float32([[-20, 0, -20], [-20, 0, 20], [20, 0, 20], [20, 0, -20]])
+    meshes = [Mesh("floor", floor, np.uint32([[0, 1, 2], [0, 2, 3]]), 0)]
+    meshes += [*walls_and_lid("room", (2, -0.5, -3), (8, 2.5, 3), True), block]
+    scene = under_sky(assemble("closed", meshes, [Material("grey", (0.6, 0.6, 0.6, 1), metallic=0.0)]))
+    made = chart(scene, 256, 0, 16, 0)
+    place = make_query(scene, made.texels.points, np.zeros(3, np.float32)).position
+    on_floor = (made.texels.points.shape == 0) & (made.texels.points.view[:, 1] > 0) & (np.abs(place[:, 2]) < 2.5)
+    inside, under = (on_floor & (np.abs(place[:, 0] - x) < 2.5) for x in (5, -5))
+    assert inside.sum() > 100 and made.stored[inside].all()
+    assert made.light.mean[inside].max() < 0.01 * made.light.mean[on_floor].mean()
+    assert under.sum() > 100 and not made.stored[under].any()
+
+
+def test_no_points_are_rejected_of_none(scene):
+    points = side_points(scene, np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2), np.float32))
+    assert len(reject(scene, points)) == 0
+    assert len(before_rooms(scene, points)) == 0

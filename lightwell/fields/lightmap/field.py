@@ -24,29 +24,34 @@ from lightwell.fields.lightmap.edits import (
 )
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
+from lightwell.fields.lightmap.lamps import PATHS as LAMP_PATHS
 from lightwell.fields.lightmap.lamps import fewer, find_lamps, lamp_errors, map_of, seam_count, with_lamps
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.seams import seam_samples
 from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
-from lightwell.fields.lightmap.square import AtlasChoice, AtlasLimits, atlas_of, roomy_atlas
+from lightwell.fields.lightmap.square import AtlasChoice, AtlasChoiceFormat, AtlasLimits, atlas_of, roomy_atlas
 from lightwell.fields.lightmap.state import EYE_PATHS, FittedLightmap, LightmapState, StillSamples
-from lightwell.fields.lightmap.trace import AtlasIrradiance, chart
+from lightwell.fields.lightmap.trace import AtlasIrradiance, chart, narrow_cost
 from lightwell.fields.lightmap.validation import LightmapValidation
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import Job, Role
 from lightwell.fields.surface.tracing import path_rate
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.triangle_groups import triangle_groups
 from lightwell.scenes.variables import declare
 from lightwell.transport.irradiance import Irradiance, irradiance
-from lightwell.transport.texels import texel_points
+from lightwell.transport.texels import Texels, texel_points, texels
 
 # Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
 TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
+# ... and, of what is left before both: the search for light on dark sides, and packing of the atlas.
+SIDES_SHARE, ATLAS_SHARE = 0.05, 0.15
 # Texels and paths that time the tracer; bounds of the paths per texel.
-TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 4, 8, 4096
+TIMED_TEXELS, WARM_TEXELS, TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 1 << 17, 1 << 10, 4, 4, 4096
 # Bounds of the number of samples of radiance towards views.
 FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 19
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
@@ -58,7 +63,7 @@ COARSE = 1024
 # Mip level up to which charts do not mix, where none is asked for.
 MIPS = 1
 # Formats of stored samples.
-LIGHT, VIEWS = RecordFormat(Irradiance), RecordFormat(ViewSamples)
+LIGHT, VIEWS, ATLASES = RecordFormat(Irradiance), RecordFormat(ViewSamples), AtlasChoiceFormat()
 
 
 class LightmapField:
@@ -234,50 +239,70 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     job, scene, preset = state.job, state.scene, state.preset
     request, options = job.request, job.options
     # A variable light can reach every visible side.
-    look = lit_sides if state.variable is None else seen_sides
+    seconds = None if request.shards else SIDES_SHARE * learning_seconds(request.budget, job.work.elapsed)
+    look = partial(lit_sides, seconds=seconds) if state.variable is None else seen_sides
     part = job.work.part(field="lightmap")
     sides = part.get("lightmap.sides", lambda: look(scene, request.seed), RecordFormat(TriangleSides))
-    choice = _atlas(scene, options, preset, sides, limits)
-    atlas, size = choice.first, choice.first.size
-    first = None if request.shards else chart(scene, size, atlas.mips, TIMED_PATHS, request.seed, atlas=atlas)
-    if first is not None:
-        own_light = "static" in state.roles
-        state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
-    state.paths, state.eyes = part.get("lightmap.counts", lambda: list(_counts(first, state)), JSON)
+    deadline = np.inf if seconds is None else perf_counter() + ATLAS_SHARE / SIDES_SHARE * seconds
+    make = partial(_atlas, scene, options, preset, sides, limits, deadline)
+    # A packing that was ended by the time is kept for a resumed bake; one of groups takes no time and much space.
+    choice = make() if triangle_groups(scene).count else part.get("lightmap.atlas", make, ATLASES)
+    found = part.get("lightmap.counts", lambda: list(_counts(choice, limits, state)), JSON)
+    state.paths, state.eyes, smaller = found
+    state.atlas = choice.smaller if smaller and choice.smaller else choice.first
     fewer(state)
-    if first is not None and state.paths < limits.fewest_paths and choice.smaller:
-        # A larger atlas is of no use where its texels are too noisy to be denoised.
-        atlas = choice.smaller
-        state.paths *= 4
-    state.atlas = atlas
 
 
 def _atlas(
-    scene: Scene, options: LightmapOptions, preset: LightmapPreset, sides: TriangleSides, limits: AtlasLimits
+    scene: Scene,
+    options: LightmapOptions,
+    preset: LightmapPreset,
+    sides: TriangleSides,
+    limits: AtlasLimits,
+    deadline: float,
 ) -> AtlasChoice:
     """Make the atlas. Without an ordinary light map, irradiance serves the fallback alone and is traced coarsely."""
     size, mips = options.size or preset.size, MIPS if options.mips is None else options.mips
     if preset.base and not options.size:
-        return roomy_atlas(scene, size, mips, sides, limits, fixed=options.mips is not None)
-    atlas = atlas_of(scene, size, mips, sides)
+        return roomy_atlas(scene, size, mips, sides, limits, options.mips is not None, deadline)
+    atlas = atlas_of(scene, size, mips, sides, deadline=deadline)
     return AtlasChoice(atlas if preset.base else replace(atlas, size=min(size, COARSE)))
 
 
-def _counts(first: AtlasIrradiance | None, state: LightmapState) -> tuple[int, int]:
-    """Paths per texel and number of radiance samples; fixed where ``--shards`` is given."""
-    request, preset = state.job.request, state.preset
-    if first is None:
-        return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT
-    start = perf_counter()
-    rows = np.arange(0, len(first.texels.index), 8)
-    probe, recipe = first.texels.points[rows], texel_points(first.atlas, len(first.texels.index), rows)
-    irradiance(state.scene, probe, TIMED_PATHS, request.seed + 9, recipe)
-    rate = len(probe) * TIMED_PATHS / max(perf_counter() - start, 1e-6)
+def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> tuple[int, int, bool]:
+    """Paths per texel, number of radiance samples, and whether the smaller atlas serves; with ``--shards`` they are
+    fixed.
+    """
+    request, preset, scene = state.job.request, state.preset, state.scene
+    if request.shards:
+        return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT, False
+    own_light, first = "static" in state.roles, texels(scene, choice.first)
+    state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
+    rate = _texel_rate(state, choice.first, first)
     seconds = learning_seconds(request.budget, state.job.work.elapsed)
     share = TEXEL_SHARE if preset.base else 0.02
-    paths = int(np.clip(share * seconds * rate / len(first.texels.index), FEWEST_PATHS, MOST_PATHS)) // 2 * 2
+    count = len(first.index) + narrow_cost(first)
+    paths, smaller = share * seconds * rate / count, False
+    if paths * (LAMP_PATHS if state.lamps else 1) < limits.fewest_paths and choice.smaller:
+        # A larger atlas is of no use where its texels are too noisy to be denoised.
+        area = [atlas.coverage * atlas.size**2 for atlas in (choice.first, choice.smaller)]
+        paths, smaller = paths * area[0] / area[1], True
     eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
-    return paths, int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
+    eyes = int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
+    return int(np.clip(paths, FEWEST_PATHS, MOST_PATHS)) // 2 * 2, eyes, smaller
+
+
+def _texel_rate(state: LightmapState, atlas: Atlas, covered: Texels) -> float:
+    """Measure the paths per second at texels."""
+    rows = np.arange(0, len(covered.index), max(8, len(covered.index) // TIMED_TEXELS))
+    seconds = np.inf
+    for timed in (rows[:WARM_TEXELS], rows):
+        # The first call compiles.
+        start = perf_counter()
+        probe, recipe = covered.points[timed], texel_points(atlas, len(covered.index), timed)
+        irradiance(state.scene, probe, TIMED_PATHS, state.job.request.seed + 9, recipe)
+        seconds = perf_counter() - start
+    return len(rows) * TIMED_PATHS / max(seconds, 1e-6)
 
 
 def _still_samples(state: LightmapState, made: AtlasIrradiance) -> ViewSamples:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,9 @@ from lightwell.scenes.default_light import under_sky, with_lamp
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Mesh, Scene
+from lightwell.scenes.triangle_groups import triangle_groups
 from lightwell.scenes.variables import declare
+from lightwell.scenes.welding import equal_rows
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.point_rejection import _escape_share, reject
@@ -82,46 +85,63 @@ def lit_scene(scene: Scene) -> tuple[Scene, str]:
     return with_lamp(scene, place), f"the scene has no light of its own: a lamp hangs at ({where})"
 
 
-def lit_sides(scene: Scene, seed: int) -> TriangleSides:
+def lit_sides(scene: Scene, seed: int, seconds: float | None = None) -> TriangleSides:
     """Find the sides of triangles that can be seen and receive light, and those that can be seen and are dark.
 
     Args:
         scene: T triangles.
         seed: Seed of the sampler.
+        seconds: Time for the search for light on dark sides, about; None: fixed numbers of paths.
 
     Returns:
         The sides.
     """
-    seen = sides_in_sight(scene, seed)
+    seen, groups = sides_in_sight(scene, seed), triangle_groups(scene)
     glass = tables(scene).clear[tables(scene).mesh_of]
-    lit, least = _bright(scene, seen & ~glass, DARK_PATHS, 0.0, seed)
+    lit, least = _bright(scene, seen & ~glass & groups.tested, DARK_PATHS, 0.0, seed, seconds)
     # Sides that nobody sees and no light reaches are dark too: the inside of a closed room must not read its outside.
-    hidden = _before_rooms(scene, ~seen & ~glass & (tables(scene).area > 0))
-    reached, _ = _bright(scene, hidden, DARK_PATHS[:2], least, seed + len(DARK_PATHS))
-    lit = flat_neighbours(scene, lit) & seen & ~glass
-    dark = (seen & ~lit) | (hidden & ~flat_neighbours(scene, reached))
+    hidden = _before_rooms(scene, ~seen & ~glass & groups.tested & (tables(scene).area > 0))
+    reached, _ = _bright(scene, hidden, DARK_PATHS[:2], least, seed + len(DARK_PATHS), seconds)
+    lit = flat_neighbours(scene, groups.spread(lit)) & seen & ~glass
+    dark = (seen & ~lit) | groups.spread(hidden & ~flat_neighbours(scene, groups.spread(reached)))
     return TriangleSides(lit, dark, faint_sides(scene, lit, seed), seen_density(scene, lit, seed))
 
 
 def _before_rooms(scene: Scene, sides: np.ndarray) -> np.ndarray:
-    """Those of the sides [2, T] that face space as wide as a room; the insides of walls and boxes do not."""
+    """Those of the sides [2, T] of which the middle faces space as wide as a room."""
     side, triangle = np.nonzero(sides)
     found = np.zeros_like(sides)
-    if len(side):
-        middle = np.full((len(side), 2), 1 / 3, np.float32)
-        position, _, flat = frames(scene, side_points(scene, triangle, side, middle))
-        outwards = flat * np.where(side == 0, 1, -1)[:, None]
-        start = position + LIFTED * scene.core_extent * outwards
-        ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
-        ray.maxt = mi.Float(ROOMY * scene.core_extent)
-        found[side, triangle] = ~np.array(scene.mi.ray_test(ray), bool)
+    middle = np.full((len(side), 2), 1 / 3, np.float32)
+    found[side, triangle] = before_rooms(scene, side_points(scene, triangle, side, middle))
     return found
 
 
+def before_rooms(scene: Scene, points: SurfacePoints, least: float = 0.0) -> np.ndarray:
+    """Test whether points face space as wide as a room; the insides of walls and boxes do not.
+
+    Args:
+        scene: The scene.
+        points: N surface points.
+        least: Width of the space at least, metres.
+
+    Returns:
+        [N] bool.
+    """
+    if not len(points):
+        return np.zeros(0, bool)
+    position, _, flat = frames(scene, points)
+    outwards = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
+    start = position + LIFTED * scene.core_extent * outwards
+    ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
+    ray.maxt = mi.Float(max(ROOMY * scene.core_extent, least))
+    return ~np.array(scene.mi.ray_test(ray), bool)
+
+
 def _bright(
-    scene: Scene, sides: np.ndarray, rounds: Sequence[int], least: float, seed: int
+    scene: Scene, sides: np.ndarray, rounds: Sequence[int], least: float, seed: int, seconds: float | None
 ) -> tuple[np.ndarray, float]:
     """Find those of the sides [2, T] that receive light, and the light above which a side counts as lit."""
+    rate = np.inf  # Paths per second of the round before; the first one also compiles
     side, triangle = np.nonzero(sides)
     area = tables(scene).area[triangle]
     brightest, floor = np.zeros(len(side)), least
@@ -133,8 +153,11 @@ def _bright(
         points, row = spread(scene, side[rows], triangle[rows], LOOKS if k == 0 else len(rows), seed + k)
         arrays = {"side": side[rows].astype(np.uint8), "triangle": triangle[rows].astype(np.uint32)}
         recipe = Recipe("sides", {"count": LOOKS if k == 0 else len(rows), "seed": seed + k}, arrays)
-        paths = max(min(paths, ROUND_PATHS // len(points) // 2 * 2), DARK_PATHS[0])
+        most = ROUND_PATHS if seconds is None else min(ROUND_PATHS, rate * seconds / (len(rounds) - 1))
+        paths = max(min(paths, int(most / len(points)) // 2 * 2), DARK_PATHS[0])
+        start = perf_counter()
         found = irradiance(scene, points, paths, seed + k, recipe).mean.mean(axis=1)
+        rate = len(points) * paths / max(perf_counter() - start, 1e-6)
         np.maximum.at(brightest, rows[row], np.nan_to_num(found))
         floor = least or DARK * np.average(brightest, weights=area)
     lit = np.zeros_like(sides)
@@ -150,11 +173,15 @@ def flat_neighbours(scene: Scene, lit: np.ndarray) -> np.ndarray:
         lit: [2, T] bool.
 
     Returns:
-        [2, T] bool: all sides of the flat parts of meshes of which one is lit.
+        [2, T] bool: all sides of the flat parts of meshes of which one is lit; meshes with groups of triangles, which
+        are flat themselves, stay as they are.
     """
-    found, start = lit.copy(), 0
+    found, start, alone = lit.copy(), 0, triangle_groups(scene).alone
     for mesh in scene.meshes:
         count = len(mesh.indices)
+        if not alone[start : start + count].all():
+            start += count
+            continue
         part = flat_parts(mesh)
         for side in found[:, start : start + count]:
             side |= np.isin(part, part[side])
@@ -171,8 +198,7 @@ def flat_parts(mesh: Mesh) -> np.ndarray:
     Returns:
         [K] part of each triangle.
     """
-    _, welded = np.unique(mesh.positions, axis=0, return_inverse=True)
-    corners = welded.reshape(-1)[mesh.indices.astype(np.int64)]
+    corners = equal_rows(mesh.positions)[1][mesh.indices.astype(np.int64)]
     a, b, c = (mesh.positions[mesh.indices[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -234,16 +260,18 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
     Returns:
         [2, T] bool.
     """
-    seen = visible_sides(scene, seed) | met_sides(scene, seed)
-    side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+    groups = triangle_groups(scene)
+    tested = groups.tested & (tables(scene).area > 0)
+    seen = groups.spread(visible_sides(scene, seed, within=tested) | met_sides(scene, seed))
+    side, triangle = np.nonzero(~seen & tested)
     if len(side):
-        seen |= met_sides(scene, seed + 1, side, triangle)
-        side, triangle = np.nonzero(~seen & (tables(scene).area > 0))
+        seen = groups.spread(seen | met_sides(scene, seed + 1, side, triangle))
+        side, triangle = np.nonzero(~seen & tested)
     if len(side):
         points, row = spread(scene, side, triangle, VISIBILITY_RAYS, seed)
         found = row[reject(scene, points, seed=seed)]
         seen[side[found], triangle[found]] = True
-    return seen
+    return groups.spread(seen)
 
 
 def met_sides(

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from time import perf_counter
 
+import numpy as np
+
+from lightwell.core.formats import ARRAYS
 from lightwell.fields.lightmap.sides import TriangleSides
 from lightwell.scenes.atlas import Atlas, build
 from lightwell.scenes.scene import Scene
@@ -33,7 +38,43 @@ class AtlasChoice:
     smaller: Atlas | None = None
 
 
-def atlas_of(scene: Scene, size: int, mips: int, sides: TriangleSides, own: bool = True) -> Atlas:
+class AtlasChoiceFormat:
+    """File format of an ``AtlasChoice``: an .npz file."""
+
+    suffix = ".npz"
+
+    def write(self, path: Path, value: AtlasChoice) -> None:
+        """Write both atlases.
+
+        Args:
+            path: File to create.
+            value: The atlases.
+        """
+        made = {"first": value.first} | ({} if value.smaller is None else {"smaller": value.smaller})
+        columns = [f.name for f in fields(Atlas)]
+        ARRAYS.write(path, {f"{name}.{c}": np.asarray(getattr(a, c)) for name, a in made.items() for c in columns})
+
+    def read(self, path: Path) -> AtlasChoice:
+        """Read both atlases.
+
+        Args:
+            path: File that ``write`` created.
+
+        Returns:
+            The atlases.
+        """
+        found = ARRAYS.read(path)
+        made = {}
+        for name in {key.partition(".")[0] for key in found}:
+            columns = {f.name: found[f"{name}.{f.name}"] for f in fields(Atlas)}
+            plain = {key: value if value.ndim else value.item() for key, value in columns.items()}
+            made[name] = Atlas(**plain)
+        return AtlasChoice(made["first"], made.get("smaller"))
+
+
+def atlas_of(
+    scene: Scene, size: int, mips: int, sides: TriangleSides, own: bool = True, deadline: float = np.inf
+) -> Atlas:
     """Make the atlas of the sides that are stored.
 
     Args:
@@ -42,6 +83,7 @@ def atlas_of(scene: Scene, size: int, mips: int, sides: TriangleSides, own: bool
         mips: Levels of the mip chain.
         sides: Sides to store.
         own: Use the author's second texture coordinates where they are valid.
+        deadline: ``perf_counter()`` at which the search for a better packing ends.
 
     Returns:
         The atlas.
@@ -49,11 +91,17 @@ def atlas_of(scene: Scene, size: int, mips: int, sides: TriangleSides, own: bool
     Raises:
         ValueError: The charts do not fit.
     """
-    return build(scene, size, sides.lit, mips, sides.density, own, sides.dark, sides.faint)
+    return build(scene, size, sides.lit, mips, sides.density, own, sides.dark, sides.faint, deadline)
 
 
 def roomy_atlas(
-    scene: Scene, size: int, mips: int, sides: TriangleSides, limits: AtlasLimits | None = None, fixed: bool = False
+    scene: Scene,
+    size: int,
+    mips: int,
+    sides: TriangleSides,
+    limits: AtlasLimits | None = None,
+    fixed: bool = False,
+    deadline: float = np.inf,
 ) -> AtlasChoice:
     """Make an atlas, twice as large where the charts are so small that padding would take much of it.
 
@@ -64,6 +112,7 @@ def roomy_atlas(
         sides: Sides to store.
         limits: When it becomes larger; None: the defaults.
         fixed: The levels of the mip chain must be ``mips``.
+        deadline: ``perf_counter()`` at which the search for better packings ends.
 
     Returns:
         The atlas.
@@ -73,21 +122,24 @@ def roomy_atlas(
     """
     limits = limits or AtlasLimits()
     if 2 * size > limits.largest:
-        return AtlasChoice(atlas_of(scene, size, mips, sides))
-    small = _try(scene, size, mips, sides)
+        return AtlasChoice(atlas_of(scene, size, mips, sides, deadline=deadline))
+    # A third of the time for each packing: the last one is needed where the others are too sparse.
+    start = perf_counter()
+    ends = [start + k / 3 * (deadline - start) for k in (1, 2, 3)]
+    small = _try(scene, size, mips, sides, ends[0])
     if isinstance(small, Atlas) and small.coverage >= limits.least_coverage:
         return AtlasChoice(small)
-    large = _try(scene, 2 * size, mips, sides)
+    large = _try(scene, 2 * size, mips, sides, ends[1])
     if mips and not fixed and not (isinstance(large, Atlas) and large.coverage >= limits.sparse):
-        large = _try(scene, 2 * size, 0, sides)
+        large = _try(scene, 2 * size, 0, sides, ends[2])
     if isinstance(large, ValueError):
         raise large
     return AtlasChoice(large, small if isinstance(small, Atlas) and small.coverage >= limits.usable else None)
 
 
-def _try(scene: Scene, size: int, mips: int, sides: TriangleSides) -> Atlas | ValueError:
+def _try(scene: Scene, size: int, mips: int, sides: TriangleSides, deadline: float) -> Atlas | ValueError:
     """The atlas, or why its charts do not fit."""
     try:
-        return atlas_of(scene, size, mips, sides)
+        return atlas_of(scene, size, mips, sides, deadline=deadline)
     except ValueError as error:
         return error

@@ -15,7 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
-from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
+from lightwell.fields.lightmap.sides import TriangleSides, before_rooms, lit_sides, matte
 from lightwell.fields.lightmap.square import atlas_of
 from lightwell.scenes.atlas import Atlas, padding
 from lightwell.scenes.executor import Recipe
@@ -30,6 +30,8 @@ from lightwell.transport.texels import Texels, texel_points, texels
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # Texels darker than this share of the mean are stored only if they are visible.
 BLACK = 0.02
+# Metres before a black texel of a closed room, in which somebody may stand; cupboards are lower.
+STANDING = 1.5
 # Surfaces darker than this keep the light of the surface tracer.
 LEAST_ALBEDO = 0.02
 
@@ -96,7 +98,7 @@ def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: i
     """Irradiance / π at all texels; narrow charts, which the filter cannot denoise, get more paths."""
     light = _arriving(scene, covered.points, paths, seed, texel_points(atlas, len(covered.index)))
     rows = np.flatnonzero(narrow(covered))
-    more = int(min(NARROW_PATHS, NARROW_SHARE * len(covered.index) / max(len(rows), 1)))
+    more = _narrow_factor(len(covered.index), len(rows))
     if more < 2:
         return light
     recipe = texel_points(atlas, len(covered.index), rows)
@@ -105,6 +107,25 @@ def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: i
     for name, column in columns.items():
         column[rows] = getattr(better, name)
     return replace(light, **columns)
+
+
+def _narrow_factor(texels: int, narrow: int) -> int:
+    """How many times the paths narrow texels get in addition; below 2: none."""
+    return int(min(NARROW_PATHS, NARROW_SHARE * texels / max(narrow, 1)))
+
+
+def narrow_cost(covered: Texels) -> int:
+    """Count the texels that the paths of narrow charts would be enough for, in addition to all texels.
+
+    Args:
+        covered: K covered texels.
+
+    Returns:
+        A count, up to ``NARROW_SHARE`` of K.
+    """
+    rows = int(narrow(covered).sum())
+    more = _narrow_factor(len(covered.index), rows)
+    return rows * more if more >= 2 else 0
 
 
 def traced_again(
@@ -180,7 +201,8 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     """Find the texels to store: finite light, not inside closed objects and, where they are black, visible from
     somewhere.
 
-    The floor under a box is black: read bilinearly it would darken the floor beside the box.
+    The floor under a box is black: read bilinearly it would darken the floor beside the box. The floor of a closed dark
+    room is black too, and a camera may stand there: it must not take the light of the floor outside.
 
     Args:
         scene: The scene.
@@ -196,6 +218,9 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     dark = np.flatnonzero(stored & (brightness < BLACK * brightness[stored].mean()))
     if len(dark):
         stored[dark] = reject(scene, covered.points[dark], seed=seed)
+        hidden = dark[~stored[dark]]
+        hidden = hidden[before_rooms(scene, covered.points[hidden], STANDING)]
+        stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
     return stored
 
 
