@@ -39,8 +39,8 @@ from lightwell.transport.texels import Texels, texels
 KEY = key("lightmap.edit", 1)
 # Directions in which a texel looks for a change: there are many texels.
 RAYS = 4
-# Share of the paths of OLD, and fewest paths of a texel: what is traced is denoised. A lamp that moves in a Cornell box,
-# against 160 paths a texel: 44 1.8 %, 22 2.2 %, 8 4.0 %.
+# Share of the paths of OLD, and fewest paths of a texel: what is traced is denoised. A lamp that moves in a Cornell
+# box, against 160 paths a texel: 44 1.8 %, 22 2.2 %, 8 4.0 %.
 PATHS_SHARE, FEWEST_PATHS = 0.1, 16
 _ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
