@@ -95,13 +95,15 @@ class Quality:
     mottle_lit: float | None
     """... on all lit patches."""
     leak: float
+    """Wrong light in the darkest quarter of the surface, over the mean; below its noise where ``bounds`` has it."""
     relative_error: float
     noise_floor: float
     """Relative error of the reference itself."""
     per_view: Sequence[float | None]
     """PSNR of each view."""
     bounds: dict[str, float]
-    """Figures that the noise of the reference hides: the largest mottle and the least PSNR that are possible."""
+    """Figures that the noise of the reference hides: the largest mottle and leak and the least PSNR that are
+    possible."""
 
     def json(self) -> dict:
         """Convert the figures to JSON values.
@@ -308,13 +310,17 @@ def score_quality(
     points = truth.points
     f, y = learned(points.points, points.light), 0.5 * (points.half_a + points.half_b)
     unit = metrics.unit(y, points.weight)
+    leak = metrics.leak(f, points.half_a, points.half_b, points.weight)
+    margin = metrics.SIGNIFICANT * metrics.leak_noise(points.half_a, points.half_b, points.weight)
+    if leak < margin:
+        bounds["leak"] = leak + margin
     return Quality(
         psnr_db=_mean(per_view),
         flip=_mean(flips),
         flip_direct=_mean(bare),
         mottle=blotches.smooth.value,
         mottle_lit=blotches.lit.value,
-        leak=metrics.leak(f, points.half_a, points.half_b, points.weight),
+        leak=leak,
         relative_error=metrics.relative_error(f / unit, y / unit, points.weight).mean,
         noise_floor=metrics.noise_floor(points.half_a / unit, points.half_b / unit, points.weight).mean,
         per_view=per_view,

@@ -89,4 +89,6 @@ def _of_pictures(numbers: Mapping[str, Any]) -> Iterator[Card]:
         yield Card("Mottle", HIDDEN, f"At most {digits(bounds['mottle'])}.", words=True)
     if quality.get("leak") is not None:
         why = "Wrong light on the darkest quarter of the surface, over the mean of all."
+        if "leak" in bounds:
+            why += f" Not more than the noise of the reference; at most {percent(bounds['leak'])}."
         yield Card("Leak", percent(quality["leak"]), why)

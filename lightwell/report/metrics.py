@@ -185,12 +185,41 @@ def leak(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None 
     everywhere = float(np.average(0.5 * (a + b).mean(axis=-1).reshape(-1), weights=weights))
     if everywhere <= 0:
         raise ValueError("report: the reference is black, so that no leak exists; is the light on?")
-    by_a, by_b, by_f = (x.mean(axis=-1).reshape(-1) for x in (a, b, f))
-    order = np.argsort(by_a, kind="stable")
-    dark = order[np.cumsum(weights[order]) <= DARK_SHARE * weights.sum()]
+    dark = _darkest(a, weights)
     if not dark.size:
         return 0.0
-    return abs(float(np.average(by_f[dark] - by_b[dark], weights=weights[dark]))) / everywhere
+    by_b, by_f = (x.mean(axis=-1).reshape(-1)[dark] for x in (b, f))
+    return abs(float(np.average(by_f - by_b, weights=weights[dark]))) / everywhere
+
+
+def leak_noise(a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
+    """Compute the standard error of ``leak`` that the noise of the reference causes.
+
+    One bright path in half B at a dark point may be all of the leak. Where both halves are as noisy, B − A has twice
+    the variance of B, less what the choice of the points by A takes of it: the result is at most √2 times too large.
+
+    Args:
+        a: First half of the reference [..., 3].
+        b: Second half of the reference [..., 3].
+        weight: Weights [...], ≥ 0; None: all the same.
+
+    Returns:
+        The standard error, ≥ 0; 0 where the reference is black.
+    """
+    a, b = checked(half_a=a, half_b=b)
+    weights = weights_of(a[..., 0], weight)
+    everywhere = float(np.average(0.5 * (a + b).mean(axis=-1).reshape(-1), weights=weights))
+    dark = _darkest(a, weights)
+    if everywhere <= 0 or not dark.size:
+        return 0.0
+    noise = (weights * (b - a).mean(axis=-1).reshape(-1))[dark]
+    return float(np.sqrt(np.square(noise).sum()) / weights[dark].sum()) / everywhere
+
+
+def _darkest(a: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Indices of the darkest points of a half [..., 3]: ``DARK_SHARE`` of the weights [N]."""
+    order = np.argsort(a.mean(axis=-1).reshape(-1), kind="stable")
+    return order[np.cumsum(weights[order]) <= DARK_SHARE * weights.sum()]
 
 
 def per_object(

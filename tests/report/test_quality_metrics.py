@@ -101,3 +101,30 @@ def test_missing_light_counts_as_leak():
     f = truth.copy()
     f[:25] = 0
     assert metrics.leak(f, truth, truth) == pytest.approx(0.1 / 0.775)
+
+
+def test_one_bright_path_of_the_reference_is_noise_of_the_leak():
+    a, b = np.ones((2, 400, 3))
+    a[:100] = b[:100] = 0.05
+    assert metrics.leak_noise(a, b) == 0
+    # 100 dark points: one that is 20 brighter in half B adds 0.2 to their mean.
+    b[7] += 20
+    assert metrics.leak(a, a, b) == pytest.approx(metrics.leak_noise(a, b))
+    assert metrics.leak(a, a, b) > 0.2
+
+
+def test_noise_of_the_leak_is_its_standard_error():
+    random = np.random.default_rng(3)
+    truth = np.where(np.arange(400)[:, None] < 100, 0.1, 1.0) * np.ones((400, 3))
+    # Half A is exact, so that B - A is the noise of B alone: 0.02 per point.
+    found = [truth + 0.02 * random.standard_normal((400, 1)) for _ in range(300)]
+    leaks = np.array([metrics.leak(truth, truth, b) for b in found])
+    errors = np.array([metrics.leak_noise(truth, b) for b in found])
+    # The root mean square of 300 draws is known to 4 %.
+    assert np.sqrt(np.square(leaks).mean()) == pytest.approx(errors.mean(), rel=0.16)
+    assert (leaks < metrics.SIGNIFICANT * errors).mean() > 0.9
+
+
+def test_the_noise_of_a_black_reference_is_zero():
+    black = np.zeros((8, 3))
+    assert metrics.leak_noise(black, black) == 0
