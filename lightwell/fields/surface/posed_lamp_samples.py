@@ -25,7 +25,7 @@ from lightwell.fields.surface.poses import (
     held_out_poses,
     traced_poses,
 )
-from lightwell.fields.surface.training import looked_from
+from lightwell.fields.surface.roles import looked_from
 from lightwell.scenes.lamps import LampGroup, group_lamps
 from lightwell.scenes.movers import Pose
 from lightwell.scenes.posing import posed
