@@ -37,14 +37,15 @@ def test_poses_leave_half_of_the_time_by_what_one_of_them_took(state, seconds_of
         asked.append(gathered)
         return seconds_of_a_pose
 
-    assert poses(gather_in_time(state, SECONDS, GATHERED, timed)) == expected
+    gathered, each = gather_in_time(state, SECONDS, GATHERED, timed)
+    assert poses(gathered) == expected and each == seconds_of_a_pose
     # One is timed, among as many as a pose of 2 s has time for.
     assert [poses(gathered) for gathered in asked] == [8]
 
 
 def test_fixed_counts_time_no_pose(state):
     state.job.request = Request(shards=GATHERED)
-    assert gather_in_time(state, SECONDS, GATHERED, lambda gathered: 1 / 0) == GATHERED
+    assert gather_in_time(state, SECONDS, GATHERED, lambda gathered: 1 / 0) == (GATHERED, 0)
 
 
 def test_a_time_without_poses_is_refused_before_one_is_prepared(state):

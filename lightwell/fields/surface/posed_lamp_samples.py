@@ -54,7 +54,7 @@ class PosedLampTracer:
             ValueError: The time is too short for the fewest poses.
         """
         self._state, request, movers = state, state.job.request, len(state.scene.movers)
-        gathered = gather_in_time(state, seconds, request.shards or MOST_GATHERED)
+        gathered, _ = gather_in_time(state, seconds, request.shards or MOST_GATHERED)
         self.poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
         """[K, M] poses that are traced."""
         count = len(self.poses)

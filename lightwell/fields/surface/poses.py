@@ -76,7 +76,9 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
     return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
 
 
-def gather_in_time(state: State, seconds: float, gathered: int, timed: Callable[[int], float] | None = None) -> int:
+def gather_in_time(
+    state: State, seconds: float, gathered: int, timed: Callable[[int], float] | None = None
+) -> tuple[int, float]:
     """Bound the gather by the poses that there is time for, and say what they take.
 
     Args:
@@ -87,7 +89,7 @@ def gather_in_time(state: State, seconds: float, gathered: int, timed: Callable[
             None: they are not known.
 
     Returns:
-        The same, or less.
+        The same, or less; and the seconds of a pose, 0 where counts are fixed.
 
     Raises:
         ValueError: The time is too short for the fewest poses.
@@ -95,7 +97,7 @@ def gather_in_time(state: State, seconds: float, gathered: int, timed: Callable[
     request, movers = state.job.request, state.scene.movers
     names, fewest = " and ".join(mover.name for mover in movers), FEWEST_POSES * POSES_OF[len(movers) - 1]
     if request.shards:
-        return gathered
+        return gathered, 0.0
     if seconds < POSE_SECONDS * fewest:
         fields, share = len(state.roles), POSE_SECONDS * fewest / max(seconds, 1e-3)
         asked = math.ceil((request.budget.seconds or seconds * fields) * share * SPARE / 10) * 10
@@ -110,7 +112,7 @@ def gather_in_time(state: State, seconds: float, gathered: int, timed: Callable[
         found = _bounded(gathered, seconds, each)
     count = len(traced_poses(request.quality, request.lights_per_shard, found, len(movers)))
     state.job.progress.say(f"{names}: {count} poses, about {each * count:.0f} s of tracing")
-    return found
+    return found, each
 
 
 def _bounded(gathered: int, seconds: float, each: float) -> int:
@@ -155,7 +157,9 @@ def held_out_poses(traced: np.ndarray, count: int) -> np.ndarray:
     return np.concatenate([[[0.0]], between[chosen] if len(chosen) else np.zeros((0, 1)), [[1.0]]])
 
 
-def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> PosedShards:
+def posed_maker(
+    state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int, pose_seconds: float = 0.0
+) -> PosedShards:
     """Return the function that makes the shards of a role in all traced poses, one mover's end stops first.
 
     Args:
@@ -164,6 +168,7 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
         variable: The declared light.
         shards: Sizes and seed of the shards.
         gathered: Shards that the gather before the first one is made for.
+        pose_seconds: Known time of a pose.
 
     Returns:
         The maker.
@@ -176,7 +181,7 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
         # What is prepared to time a pose serves whatever number of poses there will be.
         poses = poses[[0, -1, *range(1, len(poses) - 1)]]
     size = lambda own: GatherSize.of(wanted, own, rays)  # noqa: E731
-    return PosedShards(state.scene, variable, shards, size, kind, poses.tolist(), state.looked)
+    return PosedShards(state.scene, variable, shards, size, kind, poses.tolist(), state.looked, pose_seconds)
 
 
 def posed_validation(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> Samples:

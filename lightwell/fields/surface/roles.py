@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import Role, State
 from lightwell.scenes.variables import Variable, default_variable
 
@@ -38,6 +39,24 @@ def role_share(role: Role, roles: Sequence[Role], left: Sequence[Role] | None = 
     lights = max(sum(other != "static" for other in roles), 1)
     weights = {other: STATIC_SHARE if other == "static" else (1 - STATIC_SHARE) / lights for other in roles}
     return weights[role] / sum(weights[other] for other in (roles if left is None else left))
+
+
+def learning_time(state: State, role: Role) -> tuple[float, float]:
+    """Compute when a role is learned.
+
+    Args:
+        state: The prepared scene.
+        role: The role, whose turn it is.
+
+    Returns:
+        Wall seconds of the bake so far, and the seconds of the role from now on.
+    """
+    request, begin = state.job.request, state.job.work.elapsed
+    if not request.budget.seconds or state.job.shared:
+        return begin, role_seconds(state, role)
+    # What a role leaves is for those after it.
+    left = role_share(role, state.roles, state.roles[state.roles.index(role) :])
+    return begin, learning_seconds(request.budget, begin) * left
 
 
 def looked_from(state: State) -> Variable:

@@ -15,7 +15,6 @@ from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
-from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
@@ -35,8 +34,8 @@ from lightwell.fields.surface.plan import (
     save_plan,
 )
 from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose
-from lightwell.fields.surface.roles import looked_from, role_seconds, role_share
-from lightwell.fields.surface.tracing import PathRate, TracedShards, path_rate, trace_shards, validation_samples
+from lightwell.fields.surface.roles import learning_time, looked_from, role_seconds
+from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
 from lightwell.transport import Samples
@@ -114,19 +113,14 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     # The rays of the first role serve the scene's own light too.
     first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
     if first:
-        rate = PathRate(first.paths_per_second, first.sustained)
-    else:
-        rate = path_rate(state.scene, state.variable, request.paths, request.seed, role == "static", not request.shards)
-    seconds, begin = role_seconds(state, role), work.elapsed
-    if request.budget.seconds and not state.job.shared:
-        seconds = learning_seconds(request.budget, begin)
-        # What a role leaves is for those after it.
-        seconds *= role_share(role, state.roles, state.roles[state.roles.index(role) :])
-    gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
-    if state.scene.movers and not first:
+        return replace(first, end=sum(learning_time(state, role)))
+    rate = path_rate(state.scene, state.variable, request.paths, request.seed, role == "static", not request.shards)
+    begin, seconds = learning_time(state, role)
+    gathered, each = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality]), 0.0
+    if state.scene.movers:
         prepare = partial(timed_pose, state, role, looked_from(state), _shards(state))
-        gathered = gather_in_time(state, seconds, gathered, prepare)
-    return StartPlan(begin + seconds, rate.short, first.gathered if first else gathered, rate.sustained)
+        gathered, each = gather_in_time(state, seconds, gathered, prepare)
+    return StartPlan(begin + seconds, rate.short, gathered, rate.sustained, each)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
@@ -147,7 +141,7 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     """Return the function that makes the shards of a role."""
     shards = _shards(state)
     if state.scene.movers:
-        return posed_maker(state, role, looked_from(state), shards, start.gathered)
+        return posed_maker(state, role, looked_from(state), shards, start.gathered, start.pose_seconds)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
     kind = OwnLightShards if role == "static" else GatheredShards
     return kind(state.scene, looked_from(state), shards, size, state.looked)
