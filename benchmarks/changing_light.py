@@ -181,11 +181,11 @@ def baked(name: str, scene: str, vary: tuple[str, ...], quick: bool, keep: Path 
         return bake(BakeSettings(scene=scene, out=out, vary=vary, **(more | small)))
 
 
-def day_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def day_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A day of the courtyard with its sky, at times that were not learned."""
     error, bare, note = None, None, "not measured yet: python benchmarks/changing_light.py --day on a quiet machine"
     if measure:
-        report = baked("day", "courtyard-day", (), quick, keep)
+        report = baked("day", "courtyard-day", (), quick, keep, **counts)
         error = report["relative_error"]
         shown, noise = (report["quality"] or {}).get("psnr_db") or 0, report["noise_floor"]
         note = f"courtyard-day, {shown:.1f} dB in the pictures, noise taken off; noise of the reference {noise:.1%}"
@@ -197,11 +197,11 @@ def day_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
     ]
 
 
-def three_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def three_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A lamp that roams, the sun and the door of the courtyard at once."""
     error, bare, note = None, None, "not measured yet: python benchmarks/changing_light.py --three on a quiet machine"
     if measure:
-        report = baked("three", "courtyard-day", THREE, quick, keep)
+        report = baked("three", "courtyard-day", THREE, quick, keep, **counts)
         of_sun = report["settings"]["indirect-day_field"]
         sun = of_sun["relative_error"]
         lamp, noise = report["relative_error"], (report["noise_floor"], of_sun["noise_floor"])
@@ -217,12 +217,12 @@ def three_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
     ]
 
 
-def door_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def door_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A door between a lit room and a dark one, from a whole bake; without figures unless they are measured."""
     error = leak = size = None
     note = "not measured yet: python benchmarks/changing_light.py --door on a quiet machine"
     if measure:
-        report = baked("door", "doorway", (DOOR,), quick, keep)
+        report = baked("door", "doorway", (DOOR,), quick, keep, **counts)
         poses, stops = report["facts"]["movers"][0]["poses"], report["facts"]["movers"][0]["end_stops"]
         error, leak = float(np.mean([pose["relative_error"] for pose in poses])), stops[0]["leak"]
         size = report["bytes"] / 1000 if "bytes" in report else None
@@ -241,7 +241,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", help=f"none, or some of {', '.join(SCENES)}, joined by commas (default: all)")
     parser.add_argument("--quick", action="store_true", help="a small run; writes nothing")
-    parser.add_argument("--shards", type=int, help="batches of 8,192 points, in place of a time budget")
+    parser.add_argument(
+        "--shards", type=int, help="batches of 8,192 points (65,536 samples in whole bakes), in place of a time budget"
+    )
     parser.add_argument("--steps", type=int, help="steps of the training, in place of a time budget")
     for name, what in (("door", "the door"), ("day", "the day"), ("three", "three variables at once")):
         parser.add_argument(f"--{name}", action="store_true", help=f"measure {what} as well")
@@ -250,10 +252,9 @@ def main() -> None:
     arguments = parser.parse_args()
     budget = {"shards": 1, "steps": 40} if arguments.quick else {}
     budget |= {name: getattr(arguments, name) for name in ("shards", "steps") if getattr(arguments, name)}
-    whole = (arguments.quick, arguments.keep)
     rows = size_rows()
     for of, wanted in ((door_rows, arguments.door), (day_rows, arguments.day), (three_rows, arguments.three)):
-        rows += of(whole[0], wanted, whole[1])
+        rows += of(arguments.quick, wanted, arguments.keep, budget)
     for name in [] if arguments.scenes == "none" else chosen("--scenes", arguments.scenes, SCENES):
         lit = learned(*SCENES[name], arguments.quick, budget)
         if arguments.pictures:
