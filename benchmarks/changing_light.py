@@ -242,7 +242,7 @@ def main() -> None:
     parser.add_argument("--scenes", help=f"none, or some of {', '.join(SCENES)}, joined by commas (default: all)")
     parser.add_argument("--quick", action="store_true", help="a small run; writes nothing")
     parser.add_argument(
-        "--shards", type=int, help="batches of 8,192 points (65,536 samples in whole bakes), in place of a time budget"
+        "--shards", type=int, help="batches of 8,192 points (whole bakes: 65,536 samples), not a time budget"
     )
     parser.add_argument("--steps", type=int, help="steps of the training, in place of a time budget")
     for name, what in (("door", "the door"), ("day", "the day"), ("three", "three variables at once")):
