@@ -55,8 +55,8 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
 # Held-out points and paths of each, and random settings of the switches.
 POINTS, PATHS, STATES, SEED = 2048, 256, 6, 0xC4A
 PICTURE, PICTURE_PATHS = (240, 150), 32
-# Reference of whole bakes: in three minutes of a bake it has 8 to 60 paths per point, whose noise in dim rooms is most of
-# a relative error (one asset: 113 % against 30 % of noise, 48 % against 20 %).
+# Time of the reference of whole bakes: what three minutes leave for it has few paths, whose noise in dim rooms is most
+# of a relative error (one file was 113 % off where the noise was 30 %, and 48 % where it was 20 %).
 TRUTH = Budget(120.0)
 # Lamps that are shown alone, and taken away.
 SHOWN = 3
