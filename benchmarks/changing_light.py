@@ -212,7 +212,8 @@ def three_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, 
         sun = of_sun["relative_error"]
         lamp, noise = report["relative_error"], (report["noise_floor"], of_sun["noise_floor"])
         error = 0.5 * (lamp + sun)
-        bare = 0.5 * (report["error_without_noise"] + of_sun["error_without_noise"])
+        both = [part["error_without_noise"] for part in (report, of_sun)]
+        bare = None if None in both else 0.5 * sum(both)
         note = (
             f"courtyard-day; lamp {lamp:.1%}, sun and sky {sun:.1%}, each with the door in any pose; noise of the "
             f"reference {noise[0]:.1%} and {noise[1]:.1%}"

@@ -146,7 +146,7 @@ def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | No
     return _mean(((f - a) * (f - b) / (y**2 + SHADOW**2)).mean(axis=-1), weight)
 
 
-def error_without_noise(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float:
+def error_without_noise(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float | None:
     """Compute a relative error without the noise of the reference, which ``relative_error`` contains.
 
     The expectation of (f − A)(f − B) is the squared error against a noise-free reference. It is divided by the square
@@ -160,7 +160,7 @@ def error_without_noise(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.
         weight: Weights [N], ≥ 0; None: all the same.
 
     Returns:
-        Root of the mean, ≥ 0.
+        Root of the mean, ≥ 0; None where the mean is below two of its standard errors: the reference has too few paths.
     """
     f, a, b = checked(prediction=f, half_a=a, half_b=b)
     weights, squares = weights_of(f[..., 0], weight), np.zeros_like(f)
@@ -168,7 +168,10 @@ def error_without_noise(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.
         own = weights[rows, None]
         mean = (own * 0.5 * (a[rows] + b[rows])).sum(axis=0) / max(float(own.sum()), 1e-30)
         squares[rows] = (f[rows] - a[rows]) * (f[rows] - b[rows]) / (mean + SHADOW) ** 2
-    return float(np.sqrt(max(_mean(squares.mean(axis=-1), weight), 0.0)))
+    of_point = squares.mean(axis=-1)
+    mean = _mean(of_point, weight)
+    standard_error = float(np.sqrt((weights**2 * (of_point - mean) ** 2).sum())) / float(weights.sum())
+    return float(np.sqrt(mean)) if mean > 0 and mean >= SIGNIFICANT * standard_error else None
 
 
 def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float | None:
