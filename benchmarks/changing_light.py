@@ -29,6 +29,7 @@ from lightwell.core.image_io import write_picture
 from lightwell.core.progress import Progress
 from lightwell.core.work import Work
 from lightwell.fields.baked import Baked
+from lightwell.fields.budget import Budget
 from lightwell.fields.protocol import Fit, Job, State
 from lightwell.fields.registry import find_field
 from lightwell.fields.request import Request
@@ -54,6 +55,9 @@ SCENES: dict[str, tuple[str, tuple[str, ...]]] = {
 # Held-out points and paths of each, and random settings of the switches.
 POINTS, PATHS, STATES, SEED = 2048, 256, 6, 0xC4A
 PICTURE, PICTURE_PATHS = (240, 150), 32
+# Time of the reference of whole bakes: what three minutes leave for it has few paths, whose noise in dim rooms is most
+# of a relative error (one file was 113 % off where the noise was 30 %, and 48 % where it was 20 %).
+TRUTH = Budget(120.0)
 # Lamps that are shown alone, and taken away.
 SHOWN = 3
 
@@ -175,45 +179,57 @@ def size_rows() -> list[Row]:
 
 def baked(name: str, scene: str, vary: tuple[str, ...], quick: bool, keep: Path | None, **more: Any) -> dict[str, Any]:
     """The report of a whole bake, which stays in a folder of its name where one is given."""
-    small: dict[str, Any] = {"quality": "draft", "shards": 1, "steps": 40, "lights_per_shard": 64} if quick else {}
+    small: dict[str, Any] = (
+        {"quality": "draft", "shards": 1, "steps": 40, "lights_per_shard": 64, "truth": None} if quick else {}
+    )
     with tempfile.TemporaryDirectory() as folder:
         out = (keep or Path(folder)) / name
-        return bake(BakeSettings(scene=scene, out=out, vary=vary, **(more | small)))
+        return bake(BakeSettings(scene=scene, out=out, vary=vary, **({"truth": TRUTH} | more | small)))
 
 
-def day_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def day_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A day of the courtyard with its sky, at times that were not learned."""
-    error, note = None, "not measured yet: python benchmarks/changing_light.py --day on a quiet machine"
+    error, bare, note = None, None, "not measured yet: python benchmarks/changing_light.py --day on a quiet machine"
     if measure:
-        report = baked("day", "courtyard-day", (), quick, keep)
+        report = baked("day", "courtyard-day", (), quick, keep, **counts)
         error = report["relative_error"]
         shown, noise = (report["quality"] or {}).get("psnr_db") or 0, report["noise_floor"]
         note = f"courtyard-day, {shown:.1f} dB in the pictures, noise taken off; noise of the reference {noise:.1%}"
+        bare = report["error_without_noise"]
     return [
         at_most("day: error at held-out times", 0.08, error, "", note),
+        without_bar("day: error at held-out times, noise taken off", bare, "", "root mean square"),
         at_least("day: above blended key light maps of as many bytes", 6, None, "dB"),
     ]
 
 
-def three_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def three_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A lamp that roams, the sun and the door of the courtyard at once."""
-    error, note = None, "not measured yet: python benchmarks/changing_light.py --three on a quiet machine"
+    error, bare, note = None, None, "not measured yet: python benchmarks/changing_light.py --three on a quiet machine"
     if measure:
-        report = baked("three", "courtyard-day", THREE, quick, keep)
-        sun = report["settings"]["indirect-day_field"]["relative_error"]
-        error = 0.5 * (report["relative_error"] + sun)
+        report = baked("three", "courtyard-day", THREE, quick, keep, **counts)
+        of_sun = report["settings"]["indirect-day_field"]
+        sun = of_sun["relative_error"]
+        lamp, noise = report["relative_error"], (report["noise_floor"], of_sun["noise_floor"])
+        error = 0.5 * (lamp + sun)
+        both = [part["error_without_noise"] for part in (report, of_sun)]
+        bare = None if None in both else 0.5 * sum(both)
         note = (
-            f"courtyard-day; lamp {report['relative_error']:.1%}, sun and sky {sun:.1%}, each with the door in any pose"
+            f"courtyard-day; lamp {lamp:.1%}, sun and sky {sun:.1%}, each with the door in any pose; noise of the "
+            f"reference {noise[0]:.1%} and {noise[1]:.1%}"
         )
-    return [at_most("three variables at once: error", 0.12, error, "", note)]
+    return [
+        at_most("three variables at once: error", 0.12, error, "", note),
+        without_bar("three variables at once: error, noise taken off", bare, "", "root mean square"),
+    ]
 
 
-def door_rows(quick: bool, measure: bool, keep: Path | None) -> list[Row]:
+def door_rows(quick: bool, measure: bool, keep: Path | None, counts: dict[str, int]) -> list[Row]:
     """A door between a lit room and a dark one, from a whole bake; without figures unless they are measured."""
     error = leak = size = None
     note = "not measured yet: python benchmarks/changing_light.py --door on a quiet machine"
     if measure:
-        report = baked("door", "doorway", (DOOR,), quick, keep)
+        report = baked("door", "doorway", (DOOR,), quick, keep, **counts)
         poses, stops = report["facts"]["movers"][0]["poses"], report["facts"]["movers"][0]["end_stops"]
         error, leak = float(np.mean([pose["relative_error"] for pose in poses])), stops[0]["leak"]
         size = report["bytes"] / 1000 if "bytes" in report else None
@@ -232,7 +248,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenes", help=f"none, or some of {', '.join(SCENES)}, joined by commas (default: all)")
     parser.add_argument("--quick", action="store_true", help="a small run; writes nothing")
-    parser.add_argument("--shards", type=int, help="batches of 8,192 points, in place of a time budget")
+    parser.add_argument(
+        "--shards", type=int, help="batches of 8,192 points (whole bakes: 65,536 samples), not a time budget"
+    )
     parser.add_argument("--steps", type=int, help="steps of the training, in place of a time budget")
     for name, what in (("door", "the door"), ("day", "the day"), ("three", "three variables at once")):
         parser.add_argument(f"--{name}", action="store_true", help=f"measure {what} as well")
@@ -241,10 +259,9 @@ def main() -> None:
     arguments = parser.parse_args()
     budget = {"shards": 1, "steps": 40} if arguments.quick else {}
     budget |= {name: getattr(arguments, name) for name in ("shards", "steps") if getattr(arguments, name)}
-    whole = (arguments.quick, arguments.keep)
     rows = size_rows()
     for of, wanted in ((door_rows, arguments.door), (day_rows, arguments.day), (three_rows, arguments.three)):
-        rows += of(whole[0], wanted, whole[1])
+        rows += of(arguments.quick, wanted, arguments.keep, budget)
     for name in [] if arguments.scenes == "none" else chosen("--scenes", arguments.scenes, SCENES):
         lit = learned(*SCENES[name], arguments.quick, budget)
         if arguments.pictures:

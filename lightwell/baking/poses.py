@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.scenes.movers import Pose, moving_meshes, sobol_poses
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.scene_cache import Derived
 from lightwell.transport import SurfacePoints, draw_surface
 from lightwell.transport.camera import gbuffer
 from lightwell.transport.lit_points import LitPoints
@@ -32,6 +35,8 @@ DARK, LIT = 0.01, 0.1
 EPSILON = 0.01
 # Fewer such points say nothing.
 FEWEST = 32
+# A draw in each pose takes as long as its paths.
+SCORED_POINTS = Derived[tuple[SurfacePoints, np.ndarray]]("baking.scored_points")
 
 
 def view_pose(scene: Scene, number: int) -> Pose | None:
@@ -113,15 +118,21 @@ def scored_poses(movers: int) -> np.ndarray:
 
 
 def scored_points(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.ndarray]:
-    """Draw area-uniform points, divided among the scored poses where something moves.
+    """Draw area-uniform points, divided among the scored poses where something moves; the scene keeps them.
 
     Args:
         scene: The scene.
-        drawn: How many, and how they are drawn.
+        drawn: How many, and how they are drawn. Lights of one bake are scored at the same points.
 
     Returns:
         The points and their weights [N].
     """
+    looked = drawn.variable if drawn.seen else None
+    arguments = replace(drawn, variable=looked, lights=0, light_seed=0)
+    return scene.cache.get(SCORED_POINTS, partial(_draw_scored, scene, drawn), arguments)
+
+
+def _draw_scored(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.ndarray]:
     if not scene.movers:
         draw = drawn.draw(scene)
         return draw.points, draw.weight

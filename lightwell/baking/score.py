@@ -161,7 +161,7 @@ def _pose_facts(
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:
     """Errors of the fields beside the headline."""
     scores = {s.role: point_scores(points[s.role], s.fit.unit) for s in shipped if s.role in points}
-    keys = ("relative_error", "noise_floor", "energy_ratio")
+    keys = ("relative_error", "error_without_noise", "noise_floor", "energy_ratio")
     return {f"{role}_field": {key: found[key] for key in keys} for role, found in scores.items()}
 
 

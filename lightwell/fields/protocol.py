@@ -111,6 +111,8 @@ class State:
     """Notes of the field, for the report."""
     more: tuple[Variable, ...] = field(default=(), kw_only=True)
     """Further lights that vary, each with a field of its own: light adds up."""
+    looked: Variable | None = field(default=None, kw_only=True)
+    """Where people look, the same for all roles, so that they share points and rays; None: where their light may be."""
     lamps: tuple[LampGroup, ...] = field(default=(), kw_only=True)
     """Groups of the scene's own lights that have a switch each; none: their light cannot be changed."""
 

@@ -17,6 +17,8 @@ import numpy as np
 MEANS_PER_UNIT = 4.0
 # Added to the reference before dividing by it, so that the relative error of black points is finite.
 SHADOW = 0.01
+# Points of a group of like predicted radiance.
+GROUP = 64
 # Leak: share of the points, darkest first, that should stay dark.
 DARK_SHARE = 0.25
 # A mean that is corrected for noise is a measurement from this multiple of its standard error on, and from this share
@@ -142,6 +144,34 @@ def rel_mse(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | No
     f, a, b = checked(prediction=f, half_a=a, half_b=b)
     y = 0.5 * (a + b)
     return _mean(((f - a) * (f - b) / (y**2 + SHADOW**2)).mean(axis=-1), weight)
+
+
+def error_without_noise(f: np.ndarray, a: np.ndarray, b: np.ndarray, weight: np.ndarray | None = None) -> float | None:
+    """Compute a relative error without the noise of the reference, which ``relative_error`` contains.
+
+    The expectation of (f − A)(f − B) is the squared error against a noise-free reference. It is divided by the square
+    of the mean reference + 0.01 of points of like predicted radiance, in which there is little noise. These groups are
+    made by f alone, so that the noise of the reference has no part in the choice.
+
+    Args:
+        f: Prediction [N, 3].
+        a: First half of the reference [N, 3].
+        b: Second half of the reference [N, 3].
+        weight: Weights [N], ≥ 0; None: all the same.
+
+    Returns:
+        Root of the mean, ≥ 0; None where the mean is below two of its standard errors: the reference has too few paths.
+    """
+    f, a, b = checked(prediction=f, half_a=a, half_b=b)
+    weights, squares = weights_of(f[..., 0], weight), np.zeros_like(f)
+    for rows in np.array_split(np.argsort(f.mean(axis=-1), kind="stable"), max(len(f) // GROUP, 1)):
+        own = weights[rows, None]
+        mean = (own * 0.5 * (a[rows] + b[rows])).sum(axis=0) / max(float(own.sum()), 1e-30)
+        squares[rows] = (f[rows] - a[rows]) * (f[rows] - b[rows]) / (mean + SHADOW) ** 2
+    of_point = squares.mean(axis=-1)
+    mean = _mean(of_point, weight)
+    standard_error = float(np.sqrt((weights**2 * (of_point - mean) ** 2).sum())) / float(weights.sum())
+    return float(np.sqrt(mean)) if mean > 0 and mean >= SIGNIFICANT * standard_error else None
 
 
 def energy_ratio(f: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> float | None:

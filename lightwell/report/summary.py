@@ -102,6 +102,7 @@ def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
         "relative_error_p95": error.p95,
         "noise_floor": floor.mean,
         "rel_mse": metrics.rel_mse(f, a, b, weight),
+        "error_without_noise": metrics.error_without_noise(f, a, b, weight),
         "energy_ratio": metrics.energy_ratio(f, y, weight),
         "points": len(f),
         "per_object": metrics.per_object(f, a, b, np.asarray(points.shape), points.objects, weight),
@@ -110,7 +111,8 @@ def point_scores(points: PointComparison, scale: float) -> dict[str, Any]:
 
 def _no_scores() -> dict[str, Any]:
     """Entries of report.json where the held-out points could not be scored."""
-    names = ("relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse", "energy_ratio")
+    errors = ("relative_error", "relative_error_median", "relative_error_p95", "noise_floor", "rel_mse")
+    names = (*errors, "error_without_noise", "energy_ratio")
     return {**dict.fromkeys(names), "points": 0, "per_object": []}
 
 

@@ -49,6 +49,10 @@ class GatheredShards(SeenShards):
         light = partial(day_light, seen.radiosity) if has_sky(variable) else seen.radiosity.light
         return Gather(seen.rows, light(variable, self.lights, seed).irradiance)
 
+    def _prepare(self) -> None:
+        """Trace what all shards share, and light it."""
+        self._gather  # noqa: B018
+
     @cached_property
     def _query(self) -> Query:
         return make_query(self._scene, self.points, np.zeros(3, np.float32))

@@ -56,6 +56,10 @@ class OwnLightShards(SeenShards):
         behind = np.zeros((1, CELLS if has_sky(self._variable) else 0, 3), np.float32)
         return Gather(self.seen.rows, np.concatenate([lit, behind], axis=1))
 
+    def _prepare(self) -> None:
+        """Trace what all shards share, and light it."""
+        self._gather  # noqa: B018
+
     def __call__(
         self, scene: Scene, variable: Variable, lights_fn: LightsFn | None, settings: ShardSettings, index: int
     ) -> tuple[dict[str, np.ndarray], dict]:

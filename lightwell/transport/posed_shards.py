@@ -53,16 +53,20 @@ class PosedShards:
         size: Callable[[ShardSettings], GatherSize],
         kind: type[GatheredShards] | type[OwnLightShards],
         poses: Sequence[Sequence[float]],
+        looked: Variable | None = None,
+        pose_seconds: float = 0.0,
     ) -> None:
         """Prepare to make shards; nothing is traced yet.
 
         Args:
             scene: Scene with M movers.
-            variable: The declared light; people look where it may be.
+            variable: The declared light.
             settings: Sizes and seed; ``lights`` is a multiple of the number of poses.
             size: How much is traced before the first shard of a pose, from the settings of the pose.
             kind: Makes the shards of a pose.
-            poses: K poses of M sliders, 0 to 1.
+            poses: K poses of M sliders, 0 to 1. The random numbers of a pose depend on its place among them.
+            looked: People look where this light may be, see ``SeenShards``; None: where the declared light may be.
+            pose_seconds: Known time of a pose whose rays are not traced yet.
 
         Raises:
             ValueError: The scene has no mover, or its lights cannot be divided among the poses.
@@ -70,6 +74,7 @@ class PosedShards:
         if not scene.movers or settings.lights % len(poses):
             raise ValueError(f"samples: {settings.lights} lights of a shard cannot be divided among {len(poses)} poses")
         self._scene, self._variable, self._settings, self._size, self._kind = scene, variable, settings, size, kind
+        self._looked, self._pose_seconds = looked, pose_seconds
         self._poses = [tuple(map(float, pose)) for pose in poses]
         self._of_poses = [self._of_pose(pose, k, len(poses)) for k, pose in enumerate(self._poses)]
         self._preparing = 0.0
@@ -78,8 +83,19 @@ class PosedShards:
         """What makes the rows of a pose, one of so many that a shard has."""
         part = replace(self._settings, lights=self._settings.lights // of, floor=max(self._settings.floor // of, 1))
         own = replace(part, seed=self._settings.seed + number * POSE_SEEDS)
-        maker = self._kind(posed(self._scene, pose), self._variable, own, self._size(own))
+        maker = self._kind(posed(self._scene, pose), self._variable, own, self._size(own), self._looked)
         return _OfPose(pose, own, maker, maker)
+
+    def prepare(self, number: int) -> float:
+        """Trace what the shards of one pose share, unless it is known.
+
+        Args:
+            number: Index of the pose.
+
+        Returns:
+            Seconds that it took.
+        """
+        return self._of_poses[number].maker.prepare()
 
     @property
     def most(self) -> int | None:
@@ -89,8 +105,11 @@ class PosedShards:
 
     @property
     def before_adaptive(self) -> float:
-        """Seconds before the first adaptive shard: those of the poses that are added, by what the first ones took."""
-        return self._preparing * self._added / len(self._poses)
+        """Seconds before the first adaptive shard: those of the poses that are added, by what the first ones took.
+
+        The rays of the first ones may have been traced for another light; those of added poses are not.
+        """
+        return max(self._preparing / len(self._poses), self._pose_seconds) * self._added
 
     @property
     def _added(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -132,16 +133,26 @@ class SeenShards:
     before_adaptive = 0.0
     """Seconds before the first adaptive shard."""
 
-    def __init__(self, scene: Scene, variable: Variable, settings: ShardSettings, size: GatherSize) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        variable: Variable,
+        settings: ShardSettings,
+        size: GatherSize,
+        looked: Variable | None = None,
+    ) -> None:
         """Prepare to make shards; nothing is traced yet.
 
         Args:
             scene: The scene.
-            variable: The declared light; people look where it may be.
+            variable: The declared light.
             settings: Sizes and seed.
             size: How much is traced before the first shard.
+            looked: People look where this light may be; lights with the same one share points and rays. None: where the
+                declared light may be.
         """
         self._scene, self._variable, self._settings, self._size = scene, variable, settings, size
+        self._looked = looked or variable
 
     @property
     def _seeds(self) -> np.ndarray:
@@ -154,8 +165,27 @@ class SeenShards:
         Returns:
             Points and their rays.
         """
-        arguments = (self._variable, self._settings.seed, self._floor, self._size)
+        arguments = (self._looked, self._sky, self._settings.seed, self._floor, self._size)
         return self._scene.cache.get(SEEN, self._traced, arguments)
+
+    @property
+    def _sky(self) -> bool:
+        """Whether rays that leave the scene note where; to a light without a sky these cells are dark."""
+        return has_sky(self._variable) or has_sky(self._looked)
+
+    def prepare(self) -> float:
+        """Trace what all shards share, unless it is known.
+
+        Returns:
+            Seconds that it took.
+        """
+        start = perf_counter()
+        self._prepare()
+        return perf_counter() - start
+
+    def _prepare(self) -> None:
+        """Trace what all shards share, and light it."""
+        raise NotImplementedError
 
     @property
     def points(self) -> SurfacePoints:
@@ -172,10 +202,10 @@ class SeenShards:
         return max(self._size.points * self._settings.floor // self._settings.size, 1)
 
     def _traced(self) -> SeenTransport:
-        variable, size, seeds = self._variable, self._size, [int(s) for s in self._seeds]
-        made_of = SeenBins(variable, size.points, size.bins, self._floor, (seeds[0], seeds[2]))
+        size, seeds = self._size, [int(s) for s in self._seeds]
+        made_of = SeenBins(self._looked, size.points, size.bins, self._floor, (seeds[0], seeds[2]))
         points, radiosity = made_of.make(self._scene)
-        rows = radiosity.rows(points, size.rays, seeds[3], has_sky(variable), made_of.recipe())
+        rows = radiosity.rows(points, size.rays, seeds[3], self._sky, made_of.recipe())
         return SeenTransport(points, radiosity, DeviceRows(rows))
 
 

@@ -10,7 +10,7 @@ from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
 from lightwell.baking.preview import Preview
 from lightwell.baking.reference import FurtherLight, ViewSetup
-from lightwell.fields.surface.training import role_share
+from lightwell.fields.surface.roles import role_share
 from lightwell.scenes import load
 from lightwell.scenes.variables import by_light, first_settings
 from tests.baking.conftest import small

@@ -115,6 +115,28 @@ def test_nan_is_refused(score, picture):
         getattr(module, score)(broken, picture)
 
 
+@pytest.mark.parametrize("off", [0.15, 0.3])
+def test_an_error_without_noise_is_that_of_the_prediction(off):
+    random = np.random.default_rng(3)
+    truth = np.exp(random.normal(1, 1, size=(8192, 1))) * [1.0, 0.7, 0.4]
+    a, b = (truth * random.gamma(4.0, 0.25, size=truth.shape) for _ in range(2))
+    found = metrics.error_without_noise(truth * (1 + off), a, b)
+    # Half of the reference has 50 % of noise: 0.25 / sqrt(8192) = 0.003 in the square. The raw error is above 20 %.
+    assert abs(found**2 - off**2) < 0.012
+    assert metrics.relative_error(truth * (1 + off), 0.5 * (a + b)).mean > 0.2
+
+
+def test_an_error_that_is_smaller_than_the_noise_of_few_paths_is_none():
+    random, truth = np.random.default_rng(4), np.ones((256, 3))
+    a, b = (truth * random.gamma(0.1, 10.0, size=truth.shape) for _ in range(2))
+    assert metrics.error_without_noise(1.1 * truth, a, b) is None
+
+
+def test_light_in_the_dark_is_an_error_without_noise_too():
+    dark, glow = np.zeros((256, 3)), np.full((256, 3), 0.02)
+    assert metrics.error_without_noise(glow, dark, dark) == pytest.approx(2.0)
+
+
 def test_nan_is_refused_by_rel_mse(picture):
     with pytest.raises(ValueError, match="half_b contains"):
         metrics.rel_mse(picture, picture, np.full_like(picture, np.inf))

@@ -68,6 +68,14 @@ def shards(request, scene):
     return request.param, make, *make(scene, LIGHT, None, SMALL, 0)
 
 
+def test_added_poses_take_as_long_as_a_pose_whose_rays_are_not_known(scene):
+    # A second light finds the rays of the first poses; of eight poses two more are added.
+    size = lambda own: GatherSize(1 << 11, 1024, 64, rays=8)  # noqa: E731
+    sliders = [(t,) for t in pose_nodes(8)[:, 0]]
+    maker = PosedShards(scene, LIGHT, SMALL, size, GatheredShards, sliders, pose_seconds=7.0)
+    assert maker.before_adaptive == 14.0
+
+
 def test_shards_have_as_many_rows_of_every_pose(scene, shards):
     kind, _, columns, counts = shards
     pose, half = columns["pose"][:, 0], SMALL.size // 2

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lightwell.scenes.daylight import radiance_of_mitsuba, sunsky
 from lightwell.scenes.sky import STEPS, Sky
-from lightwell.scenes.variables import Sun, declare, from_json, to_json
+from lightwell.scenes.variables import PointLight, Sun, declare, from_json, to_json
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.camera import total_image
 from lightwell.transport.day_light import day_light
+from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
+from lightwell.transport.seen_shards import GatherSize
+from lightwell.transport.shards import ShardSettings
 
 from . import rooms, zscores
 
@@ -118,6 +123,22 @@ def test_no_light_of_the_sky_enters_a_closed_room(day):
     for k in range(len(TIMES)):
         halves = gather(np.arange(POINTS), np.full(POINTS, k))
         assert not np.any(halves)
+
+
+def test_a_lamp_and_a_day_share_points_and_rays(cornell, day):
+    lamp = PointLight((-0.5, 1.2, -0.5), (0.5, 1.6, 0.5), 0.05)
+    settings, size = ShardSettings(lights=8, points_per_light=32, floor=1), GatherSize(256, 512, 8, 16)
+    of_day = GatheredShards(cornell, day, settings, size)
+    of_lamp = GatheredShards(cornell, lamp, settings, size, day)
+    assert of_lamp.seen is of_day.seen
+    # What leaves the room is dark to the lamp: its light is that of rays that know no sky.
+    bare = GatheredShards(cornell, lamp, settings, size, replace(day, sky=None))
+    found, expected = (make(cornell, lamp, None, settings, 0)[0] for make in (of_lamp, bare))
+    for name in ("position", "light", "half_a", "half_b"):
+        np.testing.assert_array_equal(found[name], expected[name])
+    assert found["half_a"].max() > 0
+    # Prepared once, it costs nothing.
+    assert of_lamp.prepare() < 0.1
 
 
 def test_a_plane_under_an_even_sky_has_a_closed_form():

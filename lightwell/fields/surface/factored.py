@@ -6,7 +6,7 @@ frame by a network that may be large. See ``lightwell.networks.factored`` for th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -40,7 +40,7 @@ from lightwell.networks.light_major import LightMajorSet, light_runs
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.posing import declared_movers
-from lightwell.scenes.variables import by_light, declare
+from lightwell.scenes.variables import Variable, by_light, declare, has_sky
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -259,6 +259,11 @@ def _frame_of(query: Query) -> np.ndarray:
     return query.light if query.pose is None else np.concatenate([query.light, query.pose], axis=1)
 
 
+def _widest(lights: Sequence[Variable]) -> Variable:
+    """The light around which people look farthest: a sun, one with a sky first."""
+    return max(lights, key=lambda light: (has_sky(light), light.kind == "sun"))
+
+
 class FactoredField(SurfaceField):
     """The default field: a moving light by ``FactoredFit``, the scene's own lamps by ``LampsFit``."""
 
@@ -311,7 +316,8 @@ class FactoredField(SurfaceField):
         for light in more:
             sample_lights(job.scene, light, 1, job.request.seed)
         further = tuple(further_role(light.name) for light in more)
-        return replace(state, job=job, more=more, roles=("indirect", *further, *state.roles[1:]))
+        roles = ("indirect", *further, *state.roles[1:])
+        return replace(state, job=job, more=more, looked=_widest((state.variable, *more)), roles=roles)
 
     def maker(self, preset: str, role: Role, roles: int) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that makes an untrained learner of a preset; two fields are smaller than one alone.

@@ -52,6 +52,8 @@ class StartPlan:
     """Shards that the gather before the first one is made for."""
     sustained: float
     """The same in long launches, such as those of the reference."""
+    pose_seconds: float = 0.0
+    """Measured time of a pose; 0: nothing moves, or counts are fixed."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from lightwell.fields.surface.poses import (
     held_out_poses,
     traced_poses,
 )
-from lightwell.fields.surface.training import looked_from
+from lightwell.fields.surface.roles import looked_from
 from lightwell.scenes.lamps import LampGroup, group_lamps
 from lightwell.scenes.movers import Pose
 from lightwell.scenes.posing import posed
@@ -54,7 +54,7 @@ class PosedLampTracer:
             ValueError: The time is too short for the fewest poses.
         """
         self._state, request, movers = state, state.job.request, len(state.scene.movers)
-        gathered = gather_in_time(state, seconds, request.shards or MOST_GATHERED)
+        gathered, _ = gather_in_time(state, seconds, request.shards or MOST_GATHERED)
         self.poses = traced_poses(request.quality, request.lights_per_shard, gathered, movers)
         """[K, M] poses that are traced."""
         count = len(self.poses)

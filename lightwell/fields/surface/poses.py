@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -25,15 +26,17 @@ from lightwell.transport.shards import ShardSettings
 
 # Most poses that are traced, by quality, and fewest.
 POSES, FEWEST_POSES = {"draft": 8, "good": 16, "best": 32}, 4
-# Seconds that a pose takes on two cores, most of them before its first ray; and what is asked for beyond the least.
+# Seconds that a pose takes on two cores where none was timed, most of them before its first ray; and what is asked for
+# beyond the least.
 POSE_SECONDS, SPARE = 2.0, 1.1
 # Share of the time of a role in which poses are prepared.
 POSE_SHARE = 0.5
 # Times as many for two and three movers.
 POSES_OF = (1, 2, 3)
 HELD_OUT_SEED = 0x905E
-# Held-out poses of early stopping, both end stops among them.
-VALIDATION_POSES = 8
+# Held-out poses of early stopping, both end stops among them, and where fewer than so many are traced: to prepare one
+# takes as long as to prepare a traced one.
+VALIDATION_POSES, FEWER_VALIDATION_POSES, MANY_POSES = 8, 4, 16
 # Poses for each shard that the gather of a scene that stands still would be made for.
 POSES_PER_SHARD = 2
 # Points of all poses together, relative to those of a scene that stands still in the same time. Poses see much alike,
@@ -73,16 +76,20 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
     return replace(state, scene=with_movers(job.scene, movers), variable=variable, roles=roles)
 
 
-def gather_in_time(state: State, seconds: float, gathered: int) -> int:
+def gather_in_time(
+    state: State, seconds: float, gathered: int, timed: Callable[[int], float] | None = None
+) -> tuple[int, float]:
     """Bound the gather by the poses that there is time for, and say what they take.
 
     Args:
         state: The prepared scene, with movers.
         seconds: Time of the role.
         gathered: As for ``traced_poses``.
+        timed: Takes such a number, prepares a pose of that size, and returns the seconds that another one will take;
+            None: they are not known.
 
     Returns:
-        The same, or less.
+        The same, or less; and the seconds of a pose, 0 where counts are fixed.
 
     Raises:
         ValueError: The time is too short for the fewest poses.
@@ -90,7 +97,7 @@ def gather_in_time(state: State, seconds: float, gathered: int) -> int:
     request, movers = state.job.request, state.scene.movers
     names, fewest = " and ".join(mover.name for mover in movers), FEWEST_POSES * POSES_OF[len(movers) - 1]
     if request.shards:
-        return gathered
+        return gathered, 0.0
     if seconds < POSE_SECONDS * fewest:
         fields, share = len(state.roles), POSE_SECONDS * fewest / max(seconds, 1e-3)
         asked = math.ceil((request.budget.seconds or seconds * fields) * share * SPARE / 10) * 10
@@ -98,10 +105,19 @@ def gather_in_time(state: State, seconds: float, gathered: int) -> int:
             f"bake: {names} take at least {fewest} poses, about {POSE_SECONDS * fewest:.0f} s, of {seconds:.0f} s that "
             f"this budget leaves; give --budget {asked}s, or vary fewer things"
         )
-    gathered = max(min(gathered, int(POSE_SHARE * seconds / POSE_SECONDS / POSES_PER_SHARD)), 1)
-    count = len(traced_poses(request.quality, request.lights_per_shard, gathered, len(movers)))
-    state.job.progress.say(f"{names}: {count} poses, about {POSE_SECONDS * count:.0f} s of tracing")
-    return gathered
+    each, found = POSE_SECONDS, _bounded(gathered, seconds, POSE_SECONDS)
+    if timed is not None:
+        # Scenes and machines differ: where a pose took 8 s, those for 2 s each left no time for the training.
+        each = timed(found)
+        found = _bounded(gathered, seconds, each)
+    count = len(traced_poses(request.quality, request.lights_per_shard, found, len(movers)))
+    state.job.progress.say(f"{names}: {count} poses, about {each * count:.0f} s of tracing")
+    return found, each
+
+
+def _bounded(gathered: int, seconds: float, each: float) -> int:
+    """At most so many shards as there is time for the poses of, each of which takes ``each`` seconds."""
+    return max(min(gathered, int(POSE_SHARE * seconds / each / POSES_PER_SHARD)), 1)
 
 
 def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> np.ndarray:
@@ -114,7 +130,7 @@ def traced_poses(quality: str, lights: int, gathered: int, movers: int = 1) -> n
         movers: M, ≥ 1.
 
     Returns:
-        [K, M] sliders, both end stops among them.
+        [K, M] sliders, both end stops among them: the first and the last for one mover.
     """
     most, fewest = POSES[quality] * POSES_OF[movers - 1], FEWEST_POSES * POSES_OF[movers - 1]
     count = int(np.clip(POSES_PER_SHARD * gathered, fewest, most))
@@ -141,15 +157,18 @@ def held_out_poses(traced: np.ndarray, count: int) -> np.ndarray:
     return np.concatenate([[[0.0]], between[chosen] if len(chosen) else np.zeros((0, 1)), [[1.0]]])
 
 
-def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> PosedShards:
-    """Return the function that makes the shards of a role in all traced poses.
+def posed_maker(
+    state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int, pose_seconds: float = 0.0
+) -> PosedShards:
+    """Return the function that makes the shards of a role in all traced poses, one mover's end stops first.
 
     Args:
         state: The prepared scene, with movers.
         role: The part of the light to sample.
-        variable: The declared light; people look where it may be.
+        variable: The declared light.
         shards: Sizes and seed of the shards.
         gathered: Shards that the gather before the first one is made for.
+        pose_seconds: Known time of a pose.
 
     Returns:
         The maker.
@@ -158,9 +177,11 @@ def posed_maker(state: State, role: Role, variable: Variable, shards: ShardSetti
     poses = traced_poses(quality, shards.lights, gathered, len(state.scene.movers))
     rays, wanted = RAYS[quality], max(ALL_POINTS[quality] * gathered // len(poses), 1)
     kind = OwnLightShards if role == "static" else GatheredShards
-    return PosedShards(
-        state.scene, variable, shards, lambda own: GatherSize.of(wanted, own, rays), kind, poses.tolist()
-    )
+    if len(state.scene.movers) == 1:
+        # What is prepared to time a pose serves whatever number of poses there will be.
+        poses = poses[[0, -1, *range(1, len(poses) - 1)]]
+    size = lambda own: GatherSize.of(wanted, own, rays)  # noqa: E731
+    return PosedShards(state.scene, variable, shards, size, kind, poses.tolist(), state.looked, pose_seconds)
 
 
 def posed_validation(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> Samples:
@@ -169,7 +190,7 @@ def posed_validation(state: State, role: Role, variable: Variable, shards: Shard
     Args:
         state: The prepared scene, with movers.
         role: The part of the light.
-        variable: The declared light; people look where it may be.
+        variable: The declared light.
         shards: Sizes of the shards.
         gathered: As for ``posed_maker``.
 
@@ -177,13 +198,32 @@ def posed_validation(state: State, role: Role, variable: Variable, shards: Shard
         The samples, pose by pose.
     """
     scene, request = state.scene, state.job.request
-    poses = held_out_poses(traced_poses(request.quality, shards.lights, gathered, len(scene.movers)), VALIDATION_POSES)
-    points, lights = VALIDATION_POINTS // VALIDATION_POSES, VALIDATION_LIGHTS // VALIDATION_POSES
+    traced = traced_poses(request.quality, shards.lights, gathered, len(scene.movers))
+    count = VALIDATION_POSES if len(traced) >= MANY_POSES else FEWER_VALIDATION_POSES
+    poses, points, lights = held_out_poses(traced, count), VALIDATION_POINTS // count, VALIDATION_LIGHTS // count
     parts = []
     for k, pose in enumerate(poses):
         own = role == "static"
-        found = validation_samples(posed(scene, pose), variable, request.seed + k, own, points, lights)
+        found = validation_samples(posed(scene, pose), variable, request.seed + k, own, points, lights, state.looked)
         parts.append(
             replace(found, query=with_rest(scene.movers, found.query, found.shape, poses_of(len(found), pose)))
         )
     return join(parts)
+
+
+def timed_pose(state: State, role: Role, variable: Variable, shards: ShardSettings, gathered: int) -> float:
+    """Prepare two poses, which are among the traced ones where one thing moves.
+
+    Args:
+        state: The prepared scene, with movers.
+        role: The part of the light to sample.
+        variable: The declared light.
+        shards: Sizes and seed of the shards.
+        gathered: As for ``posed_maker``.
+
+    Returns:
+        Seconds of the second one: the first one compiles kernels.
+    """
+    make = posed_maker(state, role, variable, shards, gathered)
+    make.prepare(0)
+    return make.prepare(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -90,6 +90,7 @@ def validation_samples(
     own_light: bool = False,
     points: int = VALIDATION_POINTS,
     lights: int = VALIDATION_LIGHTS,
+    looked: Variable | None = None,
 ) -> Samples:
     """Trace the held-out samples of early stopping.
 
@@ -100,15 +101,17 @@ def validation_samples(
         own_light: Whether the light is that of the scene's own emitters.
         points: Number of points, a multiple of ``lights``.
         lights: Number of lights.
+        looked: People look where this light may be; None: where that of ``variable`` may be.
 
     Returns:
         The samples.
     """
     seed += VALIDATION_SEED
     lit = LitPoints(variable, points, seed, VALIDATION_FLOOR, seen=True, **_training_lights(lights, seed, points))
-    # Both parts of the light have the same points.
-    draw = scene.cache.get(VALIDATION_DRAW, partial(lit.draw, scene), (variable, points, seed))
-    light, recipe = lit.light_of(scene, points), lit.recipe(not own_light)
+    # All parts of the light have the same points.
+    drawn = replace(lit, variable=looked or variable)
+    draw = scene.cache.get(VALIDATION_DRAW, partial(drawn.draw, scene), (drawn.variable, points, seed))
+    light, recipe = lit.light_of(scene, points), lit.recipe(not own_light) if drawn == lit else None
     options = {"weight": draw.weight, "own_light": own_light, "recipe": recipe}
     return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, **options)
 

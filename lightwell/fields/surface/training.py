@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -15,7 +15,6 @@ from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
-from lightwell.fields.budget import learning_seconds
 from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
@@ -34,11 +33,11 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
 )
-from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation
-from lightwell.fields.surface.tracing import PathRate, TracedShards, path_rate, trace_shards, validation_samples
+from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose
+from lightwell.fields.surface.roles import learning_time, looked_from, role_seconds
+from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
-from lightwell.scenes.variables import Variable, default_variable
 from lightwell.transport import Samples
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import GatheredShards
@@ -53,8 +52,6 @@ WARM_UP_STEPS, TIMED_STEPS = 5, 15
 NOMINAL_STEPS = 1 << 16
 # Samples on which they are timed, at most: a step takes as long on all of them.
 TIMED_SAMPLES = 1 << 18
-# Share of the budget that the static field gets when there is also a variable light.
-STATIC_SHARE = 0.3
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
 # of this many places.
 PATIENCE, PLACES = 1.25, 40
@@ -81,35 +78,6 @@ class SurfaceSamples:
     """Made the training samples, and makes adaptive ones."""
 
 
-def role_seconds(state: State, role: Role) -> float:
-    """Compute the time of the first round of a role.
-
-    Args:
-        state: The prepared scene.
-        role: The role.
-
-    Returns:
-        Seconds.
-    """
-    return role_share(role, state.roles) * state.job.request.budget.round_seconds
-
-
-def role_share(role: Role, roles: Sequence[Role], left: Sequence[Role] | None = None) -> float:
-    """Compute the share of a role in the time of several.
-
-    Args:
-        role: The role.
-        roles: All roles.
-        left: Those among which the time is shared; None: all.
-
-    Returns:
-        The share, in (0, 1].
-    """
-    lights = max(sum(other != "static" for other in roles), 1)
-    weights = {other: STATIC_SHARE if other == "static" else (1 - STATIC_SHARE) / lights for other in roles}
-    return weights[role] / sum(weights[other] for other in (roles if left is None else left))
-
-
 def surface_samples(state: State, role: Role) -> SurfaceSamples:
     """Trace the samples before the adaptive stage that the budget buys; those of an interrupted bake are read.
 
@@ -133,21 +101,10 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
 
 def _validation(state: State, role: Role, start: StartPlan) -> Samples:
     """The held-out samples of a role."""
+    light, own = looked_from(state), role == "static"
     if state.scene.movers:
-        return posed_validation(state, role, looked_from(state), _shards(state), start.gathered)
-    return validation_samples(state.scene, looked_from(state), state.job.request.seed, own_light=role == "static")
-
-
-def looked_from(state: State) -> Variable:
-    """Return where people look from: the range of the declared light, or of one that may be anywhere.
-
-    Args:
-        state: The prepared scene.
-
-    Returns:
-        The range.
-    """
-    return state.variable or default_variable(state.scene)
+        return posed_validation(state, role, light, _shards(state), start.gathered)
+    return validation_samples(state.scene, light, state.job.request.seed, own, looked=state.looked)
 
 
 def _start_plan(state: State, role: Role) -> StartPlan:
@@ -156,19 +113,14 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     # The rays of the first role serve the scene's own light too.
     first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
     if first:
-        rate = PathRate(first.paths_per_second, first.sustained)
-    else:
-        timed = (request.paths, request.seed, role == "static", request.shards is None)
-        rate = path_rate(state.scene, state.variable, *timed)
-    seconds, begin = role_seconds(state, role), work.elapsed
-    if request.budget.seconds and not state.job.shared:
-        seconds = learning_seconds(request.budget, begin)
-        # What a role leaves is for those after it.
-        seconds *= role_share(role, state.roles, state.roles[state.roles.index(role) :])
-    gathered = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality])
+        return replace(first, end=sum(learning_time(state, role)))
+    rate = path_rate(state.scene, state.variable, request.paths, request.seed, role == "static", not request.shards)
+    begin, seconds = learning_time(state, role)
+    gathered, each = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality]), 0.0
     if state.scene.movers:
-        gathered = gather_in_time(state, seconds, gathered)
-    return StartPlan(begin + seconds, rate.short, first.gathered if first else gathered, rate.sustained)
+        prepare = partial(timed_pose, state, role, looked_from(state), _shards(state))
+        gathered, each = gather_in_time(state, seconds, gathered, prepare)
+    return StartPlan(begin + seconds, rate.short, gathered, rate.sustained, each)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
@@ -189,10 +141,10 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     """Return the function that makes the shards of a role."""
     shards = _shards(state)
     if state.scene.movers:
-        return posed_maker(state, role, looked_from(state), shards, start.gathered)
+        return posed_maker(state, role, looked_from(state), shards, start.gathered, start.pose_seconds)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
     kind = OwnLightShards if role == "static" else GatheredShards
-    return kind(state.scene, looked_from(state), shards, size)
+    return kind(state.scene, looked_from(state), shards, size, state.looked)
 
 
 def _shards(state: State) -> ShardSettings:
@@ -238,8 +190,6 @@ class SurfaceTraining:
         self._sample_plan = samples.plan
         # Seconds in which the learner took up its samples, and seconds and number of the steps since then.
         self._preparing, self._stepping, self._stepped = 0.0, 0.0, 0
-
-    # ------------------------------------------------------------------ the whole
 
     def run(self) -> Learner:
         """Train, from the checkpoint where there is one.
