@@ -10,6 +10,8 @@ import asyncio
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future as Written
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -190,10 +192,24 @@ class DaskExecutor:
 
     def _computed(self, call: Call, units: Sequence[Unit]) -> dict[int, Arrays]:
         """Compute units; by the number of their first row."""
-        waiting, found = deque(units), dict[int, Arrays]()
+        with ThreadPoolExecutor(1) as writer:
+            found, written = dict[int, Arrays](), list[Written[None]]()
+
+            def take(unit: Unit, result: Arrays) -> None:
+                # Workers go on while results are written to the disk.
+                found[unit.first] = result
+                written.append(writer.submit(self._keep, unit, result))
+
+            self._rounds(call, deque(units), take)
+            for done in written:
+                done.result()
+        return found
+
+    def _rounds(self, call: Call, waiting: deque[Unit], take: Callable[[Unit, Arrays], None]) -> None:
+        """Compute units until none is waiting, with another connection where one is lost."""
         while waiting:
             try:
-                self._round(call, waiting, found)
+                self._round(call, waiting, take)
             except UnitFailed:
                 raise
             except (Exception, asyncio.CancelledError) as error:
@@ -202,11 +218,10 @@ class DaskExecutor:
                     raise
                 # Results so far are files; what was on its way is in ``waiting`` again.
                 self._reconnect(error)
-        return found
 
-    def _round(self, call: Call, waiting: deque[Unit], found: dict[int, Arrays]) -> None:
+    def _round(self, call: Call, waiting: deque[Unit], take: Callable[[Unit, Arrays], None]) -> None:
         """Send units and take results until all are there, or until the scheduler is lost."""
-        client, flying = self.roster.client, dict[str, Flight]()
+        client, flying, done = self.roster.client, dict[str, Flight](), 0
         self._choose(call, waiting)
         try:
             while waiting or flying:
@@ -220,8 +235,9 @@ class DaskExecutor:
                         self.moved.again += 1
                         waiting.append(unit)
                     else:
-                        found[unit.first] = result
-                self._tell(call.task, len(found), len(found) + len(waiting) + len(flying))
+                        take(unit, result)
+                        done += 1
+                self._tell(call.task, done, done + len(waiting) + len(flying))
         finally:
             left = [flight.future for flight in flying.values()]
             waiting.extend(flight.unit for flight in flying.values())
@@ -276,7 +292,7 @@ class DaskExecutor:
         return future
 
     def _taken(self, call: Call, flight: Flight) -> Arrays | None:
-        """The result of a unit, stored; None where it must be computed again."""
+        """The result of a unit; None where it must be computed again."""
         unit, future = flight.unit, flight.future
         if future.status in ("cancelled", "lost") and self.roster.client.status != "running":
             raise OSError("the scheduler is gone")
@@ -307,7 +323,6 @@ class DaskExecutor:
             return None
         self.moved.units += 1
         self.moved.bytes_received += sum(value.nbytes for value in result.values())
-        self._keep(unit, result)
         return result
 
     def _keep(self, unit: Unit, result: Arrays) -> None:

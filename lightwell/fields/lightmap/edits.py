@@ -41,7 +41,7 @@ KEY = key("lightmap.edit", 1)
 RAYS = 4
 # Share of the paths of OLD, and fewest paths of a texel: what is traced is denoised. A lamp that moves in a Cornell
 # box, against 160 paths a texel: 44 1.8 %, 22 2.2 %, 8 4.0 %.
-PATHS_SHARE, FEWEST_PATHS = 0.1, 16
+PATHS_SHARE, FEWEST_PATHS = 0.05, 8
 _ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
 

@@ -1,8 +1,8 @@
 """The incremental bake of a surface field: ``lightwell bake SCENE --rebake OLD``.
 
 What has changed is found by hashes of the scene's parts. Of the kept samples, those that could notice it are traced
-again (``transport.noticed``), the others keep their bytes; training then goes on from the weights of OLD, with a tenth
-of its steps. A role that nothing touches keeps its weights. Nothing is measured against a reference: a full bake does.
+again (``transport.noticed``), the others keep their bytes; training then goes on from the weights of OLD, with 4 % of
+its steps. A role that nothing touches keeps its weights. Nothing is measured against a reference: a full bake does.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ from lightwell.transport.stored_columns import stored_columns
 from lightwell.transport.surface import draw_surface
 
 ROLES: tuple[Role, ...] = ("indirect", "static")
-# Share of the steps of OLD, and of its paths; fewest steps; bounds of the paths of a sample.
-STEPS_SHARE, PATHS_SHARE, FEWEST_STEPS, FEWEST_PATHS, MOST_PATHS = 0.1, 0.1, 100, 8, 64
+# Share of the steps of OLD, and of its paths; fewest steps; bounds of the paths of a sample. A lamp that moves in a
+# Cornell box: a tenth of the steps 28 s and error 7.5 %, 0.04 of them 13 s and 7.4 %, of a bake of 164 s.
+STEPS_SHARE, PATHS_SHARE, FEWEST_STEPS, FEWEST_PATHS, MOST_PATHS = 0.04, 0.1, 100, 8, 64
 # Share of the samples that lie on what has changed and around it, at least; how much larger "around" is than it.
 FRESH_SHARE, AROUND = 0.04, 0.25
 # Points that are drawn everywhere to find those around a change; stream of random numbers.
