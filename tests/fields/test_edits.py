@@ -112,12 +112,7 @@ def test_fields_that_share_an_asset_keep_their_sizes(tmp_path, cornell):
     write_plain(tmp_path / "room.glb", lit)
     few = {"shards": 1, "steps": 20, "lights_per_shard": 8, "views": 1, "truth": "1s", "view_size": (24, 16)}
     bake(tmp_path / "room.glb", tmp_path / "old", keep=True, **few)
-    write_plain(
-        tmp_path / "room.glb", with_mesh(lit, -1, positions=lit.meshes[-1].positions + np.float32([0.05, 0, 0]))
-    )
-    told = bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "old")["roles"]
-    assert set(told) == {"indirect", "static"} and told["static"]["traced_again"] > 0
     # The lamp is gone: what is left keeps the size that it had beside another field.
     write_plain(tmp_path / "room.glb", with_mesh(lit, -1, emission=(0.0, 0.0, 0.0)))
     told = bake(tmp_path / "room.glb", tmp_path / "dark", rebake=tmp_path / "old")["roles"]
-    assert set(told) == {"indirect"}
+    assert set(told) == {"indirect"} and told["indirect"]["traced_again"] > 0
