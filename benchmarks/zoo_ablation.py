@@ -61,7 +61,8 @@ def gathered(scene: Scene, variable: Variable) -> Samples:
 def variants() -> dict[str, tuple[str, FactoredPreset]]:
     """Name → (kind of samples, preset); each adds one thing to the one before."""
     default = PRESETS["default"]
-    adam = replace(default, training=replace(default.training, optimiser="adam"))
+    squared = replace(default, training=replace(default.training, loss="relative2"))
+    adam = replace(squared, training=replace(squared.training, optimiser="adam"))
     matte = replace(adam, mirror=None, glossy_hidden=None)
     plain = replace(matte, grid=THREE_LEVELS, hidden=(24, 14))
     decayed = replace(plain, grid=replace(THREE_LEVELS, decay=(0.0, 0.1, 1.0)))
@@ -72,7 +73,8 @@ def variants() -> dict[str, tuple[str, FactoredPreset]]:
         "decay": ("gathered", decayed),
         "four levels": ("gathered", matte),
         "mirrored ray": ("gathered", adam),
-        "Adam for hash grids (default)": ("gathered", default),
+        "Adam for hash grids": ("gathered", squared),
+        "loss with the power 1.5 (default)": ("gathered", default),
     }
 
 

@@ -2,7 +2,7 @@
 
 ``relative`` is the loss of the 2013 report on radiance regression with mixtures of experts. On Monte-Carlo targets an
 absolute difference converges to the median of the path estimates and 1 / (y + ε) weights low draws more: both darken
-the result. ``relative2`` has a target part that is quadratic, so its minimum is the mean.
+the result. ``relative2`` and ``relative1_5`` have a target part that is quadratic, so their minimum is the mean.
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ EPSILON = 1e-2
 
 # ε₂ of ``relative2`` on demodulated targets in unit S (measured on the Cornell box).
 EPSILON_SQUARED_LOSS = 0.05
+
+# ε of ``relative1_5``.
+EPSILON_BETWEEN = 0.02
 
 
 def l2(f: Any, y: Any) -> Any:
@@ -85,6 +88,23 @@ def relative2(f: Any, y: Any) -> Any:
     return dr.square(f - y) / (dr.square(dr.detach(f)) + EPSILON_SQUARED_LOSS**2)
 
 
+def relative1_5(f: Any, y: Any) -> Any:
+    """Compute (f − y)² / (|f| + ε)^1.5 with no gradient through the denominator.
+
+    Between ``relative2``, by which a prediction that is far too bright costs no more than 1, and the squared error of
+    values displayed with a gamma of 2.2, whose denominator is f^1.09.
+
+    Args:
+        f: [B, 3] prediction in unit S.
+        y: [B, 3] target in unit S.
+
+    Returns:
+        [B, 3] loss.
+    """
+    below = dr.abs(dr.detach(f)) + EPSILON_BETWEEN
+    return dr.square(f - y) / (below * dr.sqrt(below))
+
+
 def expected(z: Any, l: Any) -> Any:
     """Compute p_j l_j with p = softmax(z): the terms of the expected loss when a gate chooses expert j with probability
     p_j.
@@ -112,6 +132,7 @@ LOSSES: dict[str, Callable[[Any, Any], Any]] = {
     "l1": l1,
     "l2": l2,
     "relative": relative,
+    "relative1_5": relative1_5,
     "relative2": relative2,
     "relative_sg": relative_sg,
 }

@@ -27,16 +27,24 @@ def test_l2_settles_at_the_mean():
     assert values[np.argmin([_loss("l2", f, SKEWED) for f in values])] == pytest.approx(1.0, abs=0.01)
 
 
-def test_relative2_is_stationary_at_the_mean():
+@pytest.mark.parametrize("name", ["relative1_5", "relative2"])
+def test_squared_relative_losses_are_stationary_at_the_mean(name):
     """Its gradient, with the denominator held, is zero where f is the mean of the targets."""
     from lightwell.backend import dr
 
     f = mi.TensorXf(np.full((10, 1), 1.0, np.float32))
     dr.enable_grad(f)
-    loss = dr.sum(LOSSES["relative2"](f, mi.TensorXf(SKEWED.reshape(-1, 1).astype(np.float32))), axis=None)
+    loss = dr.sum(LOSSES[name](f, mi.TensorXf(SKEWED.reshape(-1, 1).astype(np.float32))), axis=None)
     dr.backward(loss)
     # 10 terms of at most 16: float32 leaves 1e-5.
     assert abs(float(np.array(dr.grad(f)).sum())) < 1e-4
+
+
+def test_relative1_5_goes_on_growing_where_relative2_stays_at_one():
+    """A prediction ten times brighter costs more, so that light in black places is not free."""
+    black = np.zeros(1)
+    assert _loss("relative2", 10.0, black) == pytest.approx(_loss("relative2", 1.0, black), rel=0.01)
+    assert _loss("relative1_5", 10.0, black) > 3 * _loss("relative1_5", 1.0, black)
 
 
 def test_report_schedule_halves_after_fifty_epochs():

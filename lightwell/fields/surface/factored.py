@@ -49,7 +49,9 @@ from lightwell.transport.samples import Query, Samples
 _DEFAULT_GRID = HashGrid(levels=4, base=7, growth=1.9, entries_log2=15, decay=(0.0, 0.2, 2.0, 6.0))
 # 'adam_grid' against 'adam', 1,500 steps: courtyard +0.46 dB, veach-ajar +0.47, modern-house +0.34, drake-living-room
 # +0.10, recast-dungeon +0.05.
-_DEFAULT_TRAINING = TrainingSettings(optimiser="adam_grid", rate=2e-2, batch=1 << 13, evaluate_every=200, patience=0)
+_DEFAULT_TRAINING = TrainingSettings(
+    loss="relative1_5", optimiser="adam_grid", rate=2e-2, batch=1 << 13, evaluate_every=200, patience=0
+)
 
 
 # How far above the surface the grid is read, in cells of its finest level.
