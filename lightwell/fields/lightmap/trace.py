@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
+from lightwell.fields.lightmap.behind_walls import behind_walls
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.fields.lightmap.sides import TriangleSides, before_rooms, lit_sides, matte
@@ -202,7 +203,8 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     somewhere.
 
     The floor under a box is black: read bilinearly it would darken the floor beside the box. The floor of a closed dark
-    room is black too, and a camera may stand there: it must not take the light of the floor outside.
+    room is black too, and a camera may stand there: it must not take the light of the floor outside, but for the texels
+    beside a wall, which the floor outside reads.
 
     Args:
         scene: The scene.
@@ -215,12 +217,14 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     """
     brightness = light.mean.mean(axis=1)
     stored = light.valid & np.isfinite(brightness)
-    dark = np.flatnonzero(stored & (brightness < BLACK * brightness[stored].mean()))
+    black = BLACK * brightness[stored].mean()
+    dark = np.flatnonzero(stored & (brightness < black))
     if len(dark):
         stored[dark] = reject(scene, covered.points[dark], seed=seed)
         hidden = dark[~stored[dark]]
         hidden = hidden[before_rooms(scene, covered.points[hidden], STANDING)]
         stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
+        stored &= ~behind_walls(scene, covered, np.nan_to_num(brightness), stored, black, seed)
     return stored
 
 

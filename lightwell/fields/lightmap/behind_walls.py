@@ -1,0 +1,99 @@
+"""Texels of a light map behind walls: black ones that a bilinear read in front of the wall would mix in.
+
+A floor that is one triangle may go on under a wall, into the wall or into a closed dark room. No light arrives there,
+and the texel beside the wall would darken a strip in front of it that is as wide as a texel.
+
+Notation: n texels along each edge of the atlas, K covered texels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lightwell.backend import mi
+from lightwell.scenes.scene import Scene
+from lightwell.transport.interactions import upload
+from lightwell.transport.irradiance import irradiance
+from lightwell.transport.queries import frames
+from lightwell.transport.texels import Texels
+
+# A neighbour that gets so many times the light may be on the other side of a wall.
+BRIGHTER = 10.0
+# Rays between texels run this share of the core's extent above the surface: 3 mm in a house.
+ABOVE = 1e-4
+# Least cosine between the normals of texels that continue one another.
+FLAT = 0.9
+# Paths per texel that decide whether one behind a wall is black: few paths find no light in dim rooms either.
+CERTAIN_PATHS = 256
+# Steps to half of the eight neighbours; the other half are their opposites.
+STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+
+
+def behind_walls(
+    scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, black: float, seed: int
+) -> np.ndarray:
+    """Find black texels beside a lit one of the same chart, with a wall between the two, and the next black ones.
+
+    The next ones are found too, so that the nearest texel with light of its own is the lit one.
+
+    Args:
+        scene: The scene.
+        covered: K covered texels.
+        brightness: [K] irradiance / π, mean over the channels.
+        stored: [K] bool: texels whose light counts.
+        black: Irradiance / π below which a texel is black.
+        seed: Seed of the sampler.
+
+    Returns:
+        [K] bool.
+    """
+    pairs = _neighbours(covered)
+    dark, lit = np.concatenate([pairs, pairs[:, ::-1]]).T
+    chosen = stored[dark] & stored[lit] & (brightness[dark] < black) & (brightness[lit] > black)
+    chosen &= brightness[lit] > BRIGHTER * brightness[dark]
+    chosen[chosen] = _apart(scene, covered, dark[chosen], lit[chosen])
+    found = np.zeros(len(stored), bool)
+    rows = np.unique(dark[chosen])
+    if not len(rows):
+        return found
+    # Where few paths found no light by chance, more do.
+    certain = irradiance(scene, covered.points[rows], CERTAIN_PATHS, seed).mean.mean(axis=1) < black
+    found[rows[certain]] = True
+    beside = found[lit] & (brightness[dark] < black)
+    found[dark[beside]] = True
+    return found & stored
+
+
+def _neighbours(covered: Texels) -> np.ndarray:
+    """Pairs [P, 2] of texels of one chart that touch, each pair once."""
+    n = len(covered.chart)
+    number = np.full(n * n, -1, np.int64)
+    number[covered.index] = np.arange(len(covered.index))
+    number, pairs = number.reshape(n, n), []
+    for down, right in STEPS:
+        rows = slice(0, n - down), slice(down, n)
+        columns = (slice(0, n - right), slice(right, n)) if right >= 0 else (slice(-right, n), slice(0, n + right))
+        here, there = (number[r, c] for r, c in zip(rows, columns))
+        same = covered.chart[rows[0], columns[0]] == covered.chart[rows[1], columns[1]]
+        same &= (here >= 0) & (there >= 0)
+        pairs.append(np.stack([here[same], there[same]], axis=1))
+    return np.concatenate(pairs)
+
+
+def _apart(scene: Scene, covered: Texels, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Test [P] whether something stands between two texels of a flat part of a surface."""
+    if not len(one):
+        return np.zeros(0, bool)
+    (start, up), (end, turned) = (_lifted(scene, covered, rows) for rows in (one, other))
+    way = end - start
+    ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, way))
+    ray.maxt = mi.Float(1.0)
+    return np.array(scene.mi.ray_test(ray), bool).reshape(-1) & ((up * turned).sum(axis=1) > FLAT)
+
+
+def _lifted(scene: Scene, covered: Texels, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points [P, 3] a little above texels on the side that is stored, and the normals there."""
+    points = covered.points[rows]
+    position, _, flat = frames(scene, points)
+    up = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
+    return position + ABOVE * scene.core_extent * up, up
