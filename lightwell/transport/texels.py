@@ -25,6 +25,8 @@ HEIGHT = 1.0
 # Points keep this share of the scene's extent away from the edges of their triangle: charts begin at texel centres, and
 # a ray from an edge that two walls share would pass between them.
 CLEARANCE = 2e-4
+# ... but no more than this share of its height: the texels of a long and narrow triangle stay apart along its length.
+MOST_CLEARANCE = 0.125
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) 
     opposite = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     height = area[:, None] / np.maximum(np.linalg.norm(opposite, axis=2), 1e-30)
-    wanted = np.minimum(CLEARANCE * scene.core_extent / np.maximum(height, 1e-30), 1 / 3)
+    wanted = np.minimum(CLEARANCE * scene.core_extent / np.maximum(height, 1e-30), MOST_CLEARANCE)
     # The least share s of the middle with which w + s (1/3 - w) reaches the wanted value of every weight.
     share = np.where(weights < wanted, (wanted - weights) / np.maximum(1 / 3 - weights, 1e-9), 0).max(axis=1)
     weights += np.clip(share, 0, 1)[:, None] * (1 / 3 - weights)

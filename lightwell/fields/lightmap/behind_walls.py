@@ -1,7 +1,7 @@
-"""Texels of a light map behind walls: black ones that a bilinear read in front of the wall would mix in.
+"""Texels of a light map behind walls or under other bodies: a bilinear read beside them would mix them in.
 
-A floor that is one triangle may go on under a wall, into the wall or into a closed dark room. No light arrives there,
-and the texel beside the wall would darken a strip in front of it that is as wide as a texel.
+A floor that is one triangle may go on under a wall, into the wall or into a closed dark room. Little or no light arrives
+there, and the texel beside the wall would darken a strip in front of it that is as wide as a texel.
 
 Notation: n texels along each edge of the atlas, K covered texels.
 """
@@ -14,11 +14,14 @@ from lightwell.backend import mi
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
+from lightwell.transport.point_rejection import covered as touched
 from lightwell.transport.queries import frames
 from lightwell.transport.texels import Texels
 
 # A neighbour that gets so many times the light may be on the other side of a wall.
 BRIGHTER = 10.0
+# Texels with less of the light of a neighbour may be under another body.
+DIMMER = 0.5
 # Rays between texels run this share of the core's extent above the surface: 3 mm in a house.
 ABOVE = 1e-4
 # Least cosine between the normals of texels that continue one another.
@@ -62,6 +65,30 @@ def behind_walls(
     beside = found[lit] & (brightness[dark] < black)
     found[dark[beside]] = True
     return found & stored
+
+
+def under_bodies(
+    scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, seed: int
+) -> np.ndarray:
+    """Find texels that another body touches, darker than a neighbour: light enters the narrow gap between the two.
+
+    Args:
+        scene: The scene.
+        covered: K covered texels.
+        brightness: [K] irradiance / π, mean over the channels.
+        stored: [K] bool: texels whose light counts.
+        seed: Seed of the sampler.
+
+    Returns:
+        [K] bool.
+    """
+    pairs = _neighbours(covered)
+    dim, lit = np.concatenate([pairs, pairs[:, ::-1]]).T
+    chosen = stored[dim] & stored[lit] & (brightness[dim] < DIMMER * brightness[lit])
+    rows = np.unique(dim[chosen])
+    found = np.zeros(len(stored), bool)
+    found[rows] = touched(scene, covered.points[rows], seed)
+    return found
 
 
 def _neighbours(covered: Texels) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
-from lightwell.fields.lightmap.behind_walls import behind_walls
+from lightwell.fields.lightmap.behind_walls import behind_walls, under_bodies
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.fields.lightmap.sides import TriangleSides, before_rooms, lit_sides, matte
@@ -225,7 +225,7 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
         hidden = hidden[before_rooms(scene, covered.points[hidden], STANDING)]
         stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
         stored &= ~behind_walls(scene, covered, np.nan_to_num(brightness), stored, black, seed)
-    return stored
+    return stored & ~under_bodies(scene, covered, np.nan_to_num(brightness), stored, seed)
 
 
 def light_image(made: AtlasIrradiance, clean: bool = True, values: np.ndarray | None = None) -> np.ndarray:
