@@ -62,8 +62,7 @@ def behind_walls(
     # Where few paths found no light by chance, more do.
     certain = irradiance(scene, covered.points[rows], CERTAIN_PATHS, seed).mean.mean(axis=1) < black
     found[rows[certain]] = True
-    beside = found[lit] & (brightness[dark] < black)
-    found[dark[beside]] = True
+    found[dark[found[lit] & (brightness[dark] < black)]] = True
     return found & stored
 
 
@@ -71,6 +70,8 @@ def under_bodies(
     scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, seed: int
 ) -> np.ndarray:
     """Find texels that another body touches, darker than a neighbour: light enters the narrow gap between the two.
+
+    The next dark ones are found too, see ``behind_walls``.
 
     Args:
         scene: The scene.
@@ -88,7 +89,11 @@ def under_bodies(
     rows = np.unique(dim[chosen])
     found = np.zeros(len(stored), bool)
     found[rows] = touched(scene, covered.points[rows], seed)
-    return found
+    beside = np.zeros(len(stored))
+    np.maximum.at(beside, dim[chosen], brightness[lit[chosen]])
+    # From here on, ``lit`` is the texel that was found and ``dim`` the next one.
+    found[dim[found[lit] & (brightness[dim] < DIMMER * beside[lit])]] = True
+    return found & stored
 
 
 def _neighbours(covered: Texels) -> np.ndarray:
