@@ -1,7 +1,7 @@
 """Texels of a light map behind walls or under other bodies: a bilinear read beside them would mix them in.
 
-A floor that is one triangle may go on under a wall, into the wall or into a closed dark room. Little or no light arrives
-there, and the texel beside the wall would darken a strip in front of it that is as wide as a texel.
+A floor that is one triangle may go on under a wall, into the wall or into a closed dark room. Little or no light
+arrives there, and the texel beside the wall would darken a strip in front of it that is as wide as a texel.
 
 Notation: n texels along each edge of the atlas, K covered texels.
 """
@@ -66,9 +66,7 @@ def behind_walls(
     return found & stored
 
 
-def under_bodies(
-    scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, seed: int
-) -> np.ndarray:
+def under_bodies(scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, seed: int) -> np.ndarray:
     """Find texels that another body touches, darker than a neighbour: light enters the narrow gap between the two.
 
     The next dark ones are found too, see ``behind_walls``.
