@@ -4,11 +4,13 @@ import numpy as np
 
 from lightwell.fields.lightmap.trace import chart
 from lightwell.scenes.assemble import assemble
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.default_light import under_sky
 from lightwell.scenes.scene import Material, Mesh
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.texels import texels
 from lightwell.transport.visible import seen_side, side_points
 
 PATHS = 64
@@ -94,18 +96,20 @@ def test_the_floor_beside_a_plate_is_not_darkened_by_the_gap_under_it():
     assert shown(made, points, scene).min() > 0.6 * irradiance(scene, points, 256, 7).mean.mean()
 
 
-def test_a_wire_far_narrower_than_a_texel_has_the_light_that_it_receives():
-    wires = [box(f"wire {k}", (x, 0.5, -4), (x + 0.003, 0.503, 4)) for k, x in enumerate(np.linspace(-3, 3, 12))]
-    scene = under_sky(assemble("yard", [floor(10.0), *wires], [TWO_SIDED]))
-    made = chart(scene, 256, 0, PATHS, 0)
-    side, triangle = np.nonzero(made.atlas.chart >= 0)
-    rows = np.flatnonzero(triangle >= len(scene.meshes[0].indices)).repeat(20)
-    rng = np.random.default_rng(0)
-    root, v = np.sqrt(rng.random(len(rows))), rng.random(len(rows))
-    place = np.stack([root * (1 - v), root * v], axis=1)
-    points = side_points(scene, triangle[rows], side[rows], place)
-    traced = irradiance(scene, points, 64, 7).mean.mean(axis=1)
-    outside = traced > 0.25 * traced.max()
-    assert outside.mean() > 0.4
-    assert np.median(shown(made, points, scene)[outside] / traced[outside]) > 0.8
-    assert (shown(made, points, scene)[outside] > 0.5 * traced[outside]).mean() > 0.95
+def test_a_wire_far_narrower_than_a_texel_has_texels_along_its_length():
+    """Its chart passes between the places at which texels are tested, and each of its points is near an edge."""
+    length, width = 10.0, 1e-3
+    corners = np.float32([[0, 1, 0], [width, 1, 0], [width, 1, length], [0, 1, length]])
+    wire = Mesh("wire", corners, np.uint32([[0, 2, 1], [0, 3, 2]]), 0)
+    scene = under_sky(assemble("yard", [floor(10.0), wire], [TWO_SIDED]))
+    n, side = 64, 0
+    strip = np.float32([[10.35, 5.5], [10.45, 5.5], [10.45, 45.5], [10.35, 45.5]])
+    uv = np.zeros((2, 4, 3, 2), np.float32)
+    uv[:, 2:] = strip[wire.indices.astype(int)] / n
+    charts = np.int32([[-1, -1, 0, 0], [-1, -1, -1, -1]])
+    atlas = Atlas(n, 0, uv, charts, np.array([0, 2, 4]), "test")
+    found = texels(scene, atlas)
+    assert set(found.index) >= {row * n + 10 for row in range(6, 45)}
+    along = frames(scene, found.points)[0][:, 2]
+    assert len(np.unique(np.round(along, 1))) > 30
+    assert seen_side(scene, found.points).max() == side
