@@ -1,12 +1,16 @@
 """Light beside walls that stand on a larger floor, on bodies that touch it, and on wires: as bright as path traced."""
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from lightwell.fields.lightmap.behind_walls import in_rooms
 from lightwell.fields.lightmap.trace import chart
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.default_light import under_sky
-from lightwell.scenes.scene import Material, Mesh
+from lightwell.scenes.scene import Camera, Material, Mesh
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
@@ -68,18 +72,26 @@ def shown(made, points: SurfacePoints, scene) -> np.ndarray:
     return found
 
 
-def test_the_floor_before_a_wall_is_not_darkened_by_the_floor_of_a_dark_room():
-    scene = under_sky(assemble("yard", [floor(10.0), box("walls", (-3, -0.2, -3), (3, 2.5, 3))], [TWO_SIDED]))
+@pytest.mark.parametrize("seen", [False, True], ids=["closed", "an eye is inside"])
+def test_the_floor_before_a_wall_is_not_darkened_by_the_floor_inside_it(seen):
+    """A hollow wall is as high as a room and too narrow to stand in."""
+    scene = under_sky(assemble("yard", [floor(10.0), box("wall", (-0.25, -0.2, -3), (0.25, 2.5, 3))], [TWO_SIDED]))
+    eye = Camera((0.0, 1.0, 0.0), (0.0, 1.0, 2.0))
+    scene = replace(scene, cameras=[eye]) if seen else scene
     made = chart(scene, 128, 0, PATHS, 0)
-    # In front of each of the four walls, nearer than a texel.
-    along = np.linspace(-2, 2, 41)
-    places = [(a, s * 3.02) for a in along for s in (-1, 1)] + [(s * 3.02, a) for a in along for s in (-1, 1)]
-    points = floor_points(scene, places)
+    # Nearer to the wall than a texel.
+    points = floor_points(scene, [(side * 0.27, z) for z in np.linspace(-2, 2, 41) for side in (-1, 1)])
     traced = irradiance(scene, points, 1024, 7).mean.mean(axis=1)
     # Noise of 64 paths after the filter is a few percent; a black neighbour takes up to all of the light.
     assert (shown(made, points, scene) > 0.75 * traced).all()
-    inside = floor_points(scene, [(x, z) for x in along for z in along])
-    assert shown(made, inside, scene).max() < 0.02 * traced.mean()
+
+
+def test_a_dark_room_does_not_take_the_light_before_its_walls():
+    scene = under_sky(assemble("yard", [floor(10.0), box("walls", (-3, -0.2, -3), (3, 2.5, 3))], [TWO_SIDED]))
+    made = chart(scene, 128, 0, PATHS, 0)
+    inside = floor_points(scene, [(x, z) for x in np.linspace(-2.5, 2.5, 41) for z in np.linspace(-2.5, 2.5, 41)])
+    assert in_rooms(scene, inside).all()
+    assert shown(made, inside, scene).max() < 0.02 * made.light.mean.mean()
 
 
 def test_the_floor_beside_a_plate_is_not_darkened_by_the_gap_under_it():

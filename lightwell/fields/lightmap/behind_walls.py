@@ -16,6 +16,7 @@ from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.point_rejection import covered as touched
 from lightwell.transport.queries import frames
+from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.texels import Texels
 
 # A neighbour that gets so many times the light may be on the other side of a wall.
@@ -26,6 +27,10 @@ DIMMER = 0.5
 ABOVE = 1e-4
 # Least cosine between the normals of texels that continue one another.
 FLAT = 0.9
+# Somebody may stand where there is so much space before a surface, and so much across at half of that, metres.
+STANDING, ACROSS = 1.5, 0.6
+# Directions in which the space across is measured.
+DIRECTIONS = 6
 # Paths per texel that decide whether one behind a wall is black: few paths find no light in dim rooms either.
 CERTAIN_PATHS = 256
 # Steps to half of the eight neighbours; the other half are their opposites.
@@ -37,7 +42,8 @@ def behind_walls(
 ) -> np.ndarray:
     """Find black texels beside a lit one of the same chart, with a wall between the two, and the next black ones.
 
-    The next ones are found too, so that the nearest texel with light of its own is the lit one.
+    The next ones are found too, so that the nearest texel with light of its own is the lit one. Texels of dark rooms
+    stay: there, the light of the other side of the wall would be a glow.
 
     Args:
         scene: The scene.
@@ -55,6 +61,7 @@ def behind_walls(
     chosen = stored[dark] & stored[lit] & (brightness[dark] < black) & (brightness[lit] > black)
     chosen &= brightness[lit] > BRIGHTER * brightness[dark]
     chosen[chosen] = _apart(scene, covered, dark[chosen], lit[chosen])
+    chosen[chosen] = ~in_rooms(scene, covered.points[dark[chosen]])
     found = np.zeros(len(stored), bool)
     rows = np.unique(dark[chosen])
     if not len(rows):
@@ -114,16 +121,45 @@ def _apart(scene: Scene, covered: Texels, one: np.ndarray, other: np.ndarray) ->
     """Test [P] whether something stands between two texels of a flat part of a surface."""
     if not len(one):
         return np.zeros(0, bool)
-    (start, up), (end, turned) = (_lifted(scene, covered, rows) for rows in (one, other))
+    (start, up), (end, turned) = (_lifted(scene, covered.points[rows]) for rows in (one, other))
     way = end - start
     ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, way))
     ray.maxt = mi.Float(1.0)
     return np.array(scene.mi.ray_test(ray), bool).reshape(-1) & ((up * turned).sum(axis=1) > FLAT)
 
 
-def _lifted(scene: Scene, covered: Texels, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points [P, 3] a little above texels on the side that is stored, and the normals there."""
-    points = covered.points[rows]
+def _lifted(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray]:
+    """Places [P, 3] a little above points on the side of their views, and the normals there."""
     position, _, flat = frames(scene, points)
     up = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
     return position + ABOVE * scene.core_extent * up, up
+
+
+def in_rooms(scene: Scene, points: SurfacePoints) -> np.ndarray:
+    """Test whether somebody may stand before points; the insides of walls, roofs and columns are too narrow.
+
+    Args:
+        scene: The scene.
+        points: N surface points.
+
+    Returns:
+        [N] bool.
+    """
+    if not len(points):
+        return np.zeros(0, bool)
+    start, up = _lifted(scene, points)
+    found = _free(scene, start, up) >= STANDING
+    middle = start + 0.5 * STANDING * up
+    aside = np.cross(up, np.eye(3)[np.abs(up).argmin(axis=1)])
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+        way = np.cos(angle) * aside + np.sin(angle) * np.cross(up, aside)
+        found &= _free(scene, middle, way) + _free(scene, middle, -way) >= ACROSS
+    return found
+
+
+def _free(scene: Scene, start: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Distance [P] to the next surface, metres; infinite where there is none."""
+    ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, way))
+    pi = scene.mi.ray_intersect_preliminary(ray)
+    return np.where(np.array(pi.is_valid(), bool), np.array(pi.t), np.inf).reshape(-1)
