@@ -25,6 +25,10 @@ RAYS = 32
 WRONG_SHARE = 0.25
 # Share of rays that meet something nearer than TOUCH x the core's extent when a point is covered by another surface.
 COVERED_SHARE = 0.95
+# ... and when such a surface lies in its plane, with the opposite normal.
+TOUCHED_SHARE = 0.25
+# ... and for dim points (``covered``): more than in the corner of three walls.
+DIM_COVERED_SHARE = 0.875
 TOUCH = 1e-3
 # Surfaces nearer than this x extent lie in the same plane: a few rounding errors of single precision.
 SAME_PLANE = 3e-6
@@ -128,6 +132,24 @@ def reject(
     if report is not None:
         report.add(found)
     return keep
+
+
+def covered(scene: Scene, points: SurfacePoints, seed: int = 0) -> np.ndarray:
+    """Test whether another body touches dim points, so that nobody sees them.
+
+    Args:
+        scene: Scene of the points.
+        points: N points with less light than their surroundings.
+        seed: Seed of the test rays.
+
+    Returns:
+        [N] bool.
+    """
+    if not len(points):
+        return np.zeros(0, bool)
+    near, facing = _shares(scene, points, seed)[0], _inside(scene, points)[1]
+    # A sheet of two faces back to back touches its own other face, but nothing is near it.
+    return (near >= DIM_COVERED_SHARE) | (facing & (near >= TOUCHED_SHARE))
 
 
 IS_ROOM = Derived[bool]("transport.is_room")

@@ -20,11 +20,16 @@ from lightwell.transport.visible import side_points
 
 # Places in a texel where a triangle may cover it: its centre first, then the rest of a lattice of 5 x 5.
 STEPS = (0.5, 0.3, 0.7, 0.1, 0.9)
+# Triangles lower than this, in texels, may pass between these places; they are followed in steps of half a texel, on a
+# line at this share of their height.
+SLIVER, FOLLOWED = 0.3, 0.1
 # Height above the plane of the atlas from which rays are traced.
 HEIGHT = 1.0
 # Points keep this share of the scene's extent away from the edges of their triangle: charts begin at texel centres, and
 # a ray from an edge that two walls share would pass between them.
 CLEARANCE = 2e-4
+# ... but no more than this share of its height: the texels of a long and narrow triangle stay apart along its length.
+MOST_CLEARANCE = 0.125
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,8 @@ class Texels:
 def texels(scene: Scene, atlas: Atlas) -> Texels:
     """Find the surface point of each texel, by conservative rasterisation.
 
-    A texel belongs to the chart whose triangle covers its centre, else any part of a 5 x 5 lattice in it.
+    A texel belongs to the chart whose triangle covers its centre, else any part of a 5 x 5 lattice in it, else one that
+    is too narrow for the lattice.
 
     Args:
         scene: Scene that was unwrapped.
@@ -109,10 +115,35 @@ def _covered(
             break
         hit, found, weights = _met(flat, n, left, x, y)
         owner[left[hit]], barycentric[left[hit]] = found[hit], weights[hit]
+    texel, found, weights = _slivers(n, uv)
+    new = np.flatnonzero(owner[texel] < 0)
+    new = new[np.unique(texel[new], return_index=True)[1]]
+    owner[texel[new]], barycentric[texel[new]] = found[new], weights[new]
     index = np.flatnonzero(owner >= 0)
     row = owner[index]
     inner = _off_the_edges(scene, triangle[row], barycentric[index])
     return index, row, side_points(scene, triangle[row], side[row], inner)
+
+
+def _slivers(n: int, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Follow narrow triangles along their longest edge: texel, triangle and barycentric weights [., 2] of each step."""
+    corners = uv.astype(np.float64) * n
+    edge = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    longest = edge.argmax(axis=1)
+    length = edge.max(axis=1)
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    thin = np.flatnonzero(area < SLIVER * length)
+    steps = np.ceil(2 * length[thin]).astype(np.int64) + 1
+    triangle, count = np.repeat(thin, steps), np.repeat(steps, steps)
+    along = (np.arange(len(triangle)) - np.repeat(np.cumsum(steps) - steps, steps) + 0.5) / count
+    weights = np.full((len(triangle), 3), FOLLOWED)
+    row, apex = np.arange(len(triangle)), longest[triangle]
+    weights[row, (apex + 1) % 3] = (1 - FOLLOWED) * (1 - along)
+    weights[row, (apex + 2) % 3] = (1 - FOLLOWED) * along
+    place = np.einsum("nk,nkc->nc", weights, corners[triangle])
+    x, y = np.clip(place.astype(np.int64), 0, n - 1).T
+    return y * n + x, triangle, weights[:, 1:].astype(np.float32)
 
 
 def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
@@ -123,7 +154,7 @@ def _off_the_edges(scene: Scene, triangle: np.ndarray, barycentric: np.ndarray) 
     opposite = np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     height = area[:, None] / np.maximum(np.linalg.norm(opposite, axis=2), 1e-30)
-    wanted = np.minimum(CLEARANCE * scene.core_extent / np.maximum(height, 1e-30), 1 / 3)
+    wanted = np.minimum(CLEARANCE * scene.core_extent / np.maximum(height, 1e-30), MOST_CLEARANCE)
     # The least share s of the middle with which w + s (1/3 - w) reaches the wanted value of every weight.
     share = np.where(weights < wanted, (wanted - weights) / np.maximum(1 / 3 - weights, 1e-9), 0).max(axis=1)
     weights += np.clip(share, 0, 1)[:, None] * (1 / 3 - weights)

@@ -25,7 +25,8 @@ CONTINUED = 12
 
 
 def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
-    """Fill the texels that no chart covers: those near a chart copy the nearest covered texel, the others are smooth.
+    """Fill the texels that no chart covers: those near a chart copy the nearest covered texel, or the mean of two that
+    are as near, the others are smooth.
 
     Args:
         image: [n, n, C] image.
@@ -37,8 +38,12 @@ def dilated(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:
     """
     distance, index = distance_transform_edt(~covered, return_indices=True)
     near = distance <= reach
-    filled = np.where(near[..., None], image[tuple(index)], 0).astype(np.float32)
-    return push_pull(filled, near)
+    # Backwards, the transform finds the other one of two texels that are as near, such as those on both sides of a body
+    # that touches a wall: their mean is wrong by half of their difference on each side, not by all of it on one.
+    other = distance_transform_edt(~covered[::-1, ::-1], return_indices=True)[1][:, ::-1, ::-1]
+    other = np.reshape(covered.shape, (2, 1, 1)) - 1 - other
+    filled = 0.5 * (image[tuple(index)] + image[tuple(other)])
+    return push_pull(np.where(near[..., None], filled, 0).astype(np.float32), near)
 
 
 def mirrored(image: np.ndarray, covered: np.ndarray, reach: int) -> np.ndarray:

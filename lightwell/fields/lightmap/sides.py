@@ -116,13 +116,12 @@ def _before_rooms(scene: Scene, sides: np.ndarray) -> np.ndarray:
     return found
 
 
-def before_rooms(scene: Scene, points: SurfacePoints, least: float = 0.0) -> np.ndarray:
+def before_rooms(scene: Scene, points: SurfacePoints) -> np.ndarray:
     """Test whether points face space as wide as a room; the insides of walls and boxes do not.
 
     Args:
         scene: The scene.
         points: N surface points.
-        least: Width of the space at least, metres.
 
     Returns:
         [N] bool.
@@ -133,7 +132,7 @@ def before_rooms(scene: Scene, points: SurfacePoints, least: float = 0.0) -> np.
     outwards = np.where((flat * points.view).sum(axis=1, keepdims=True) < 0, -flat, flat)
     start = position + LIFTED * scene.core_extent * outwards
     ray = mi.Ray3f(upload(mi.Point3f, start), upload(mi.Vector3f, outwards))
-    ray.maxt = mi.Float(max(ROOMY * scene.core_extent, least))
+    ray.maxt = mi.Float(ROOMY * scene.core_extent)
     return ~np.array(scene.mi.ray_test(ray), bool)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
+from lightwell.fields.lightmap.behind_walls import behind_walls, in_rooms, under_bodies
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
-from lightwell.fields.lightmap.sides import TriangleSides, before_rooms, lit_sides, matte
+from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
 from lightwell.fields.lightmap.square import atlas_of
 from lightwell.scenes.atlas import Atlas, padding
 from lightwell.scenes.executor import Recipe
@@ -30,8 +31,6 @@ from lightwell.transport.texels import Texels, texel_points, texels
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
 # Texels darker than this share of the mean are stored only if they are visible.
 BLACK = 0.02
-# Metres before a black texel of a closed room, in which somebody may stand; cupboards are lower.
-STANDING = 1.5
 # Surfaces darker than this keep the light of the surface tracer.
 LEAST_ALBEDO = 0.02
 
@@ -215,13 +214,15 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
     """
     brightness = light.mean.mean(axis=1)
     stored = light.valid & np.isfinite(brightness)
-    dark = np.flatnonzero(stored & (brightness < BLACK * brightness[stored].mean()))
+    black = BLACK * brightness[stored].mean()
+    dark = np.flatnonzero(stored & (brightness < black))
     if len(dark):
         stored[dark] = reject(scene, covered.points[dark], seed=seed)
         hidden = dark[~stored[dark]]
-        hidden = hidden[before_rooms(scene, covered.points[hidden], STANDING)]
+        hidden = hidden[in_rooms(scene, covered.points[hidden])]
         stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
-    return stored
+        stored &= ~behind_walls(scene, covered, np.nan_to_num(brightness), stored, black, seed)
+    return stored & ~under_bodies(scene, covered, np.nan_to_num(brightness), stored, seed)
 
 
 def light_image(made: AtlasIrradiance, clean: bool = True, values: np.ndarray | None = None) -> np.ndarray:
