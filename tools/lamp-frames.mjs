@@ -1,6 +1,5 @@
 // What a frame costs while switches change, on two pages side by side in one run: node tools/lamp-frames.mjs ONE.html MANY.html [ROUNDS] [WIDTHxHEIGHT]
-// Both hold one scene, MANY with more lamps than ONE. Before every measurement all lamps get other dimmers, so that layers are
-// added up anew. Prints JSON: for each software rasteriser median milliseconds of both pages and the median of the ratios of neighbours.
+// Both hold one scene, MANY with more lamps than ONE. Before every frame all lamps get other dimmers, so that layers are added up anew. Prints JSON: for each software rasteriser median milliseconds of both pages and the median of the ratios of neighbours.
 import { existsSync } from "node:fs";
 import { createRequire } from "node:module";
 import { pathToFileURL } from "node:url";
@@ -11,7 +10,7 @@ const [width, height] = size.split("x").map(Number);
 /** Names that lamps may have here: one group of all lights, or sixteen groups (benchmarks/sixteen_lamps.py). */
 const asked = ["lights", ...Array.from({ length: 16 }, (_, k) => `lamp ${k + 1}`)];
 /** Frames of a measurement. */
-const FRAMES = 5;
+const FRAMES = 8;
 const executablePath = [process.env.CHROMIUM, "/usr/bin/chromium", "/usr/bin/google-chrome"].find((p) => p && existsSync(p));
 const BACKENDS = {
   swiftshader: ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
@@ -31,19 +30,20 @@ async function open(browser, file) {
   return { tab, ...stats, lamps: shown.split(";").filter(Boolean).map((entry) => entry.split(":")[0]) };
 }
 
-/** Milliseconds of a frame; each is drawn after all dimmers have changed. */
+/** Milliseconds of a frame: the dimmers change and it is drawn, FRAMES times, and then once more, which waits for all of them. */
 const time = ({ tab, lamps }, round) =>
   tab.evaluate(
     async ([names, round, frames]) => {
-      const milliseconds = [];
-      for (let frame = 0; frame <= frames; frame++) {
+      const change = (frame) => {
         const dimmers = names.map((name, k) => `${name}:${(0.5 + ((7 * k + 3 * round + frame) % 10) / 20).toFixed(2)}`);
-        await window.lightwell.apply(`?lamps=${encodeURIComponent(dimmers.join(";"))}`);
-        const taken = window.lightwell.measure(1);
-        // The first one may still compile.
-        if (frame) milliseconds.push(taken);
-      }
-      return milliseconds.sort((a, b) => a - b)[frames >> 1];
+        return window.lightwell.apply(`?lamps=${encodeURIComponent(dimmers.join(";"))}`);
+      };
+      await change(frames);
+      window.lightwell.measure(1);
+      const start = performance.now();
+      for (let frame = 0; frame < frames; frame++) await change(frame);
+      window.lightwell.measure(1);
+      return (performance.now() - start) / (frames + 1);
     },
     [lamps, round, FRAMES],
   );
