@@ -44,8 +44,8 @@ TRACING = "tracing time, 16 groups over one at equal noise"
 FRAME_BAR, TRACING_BAR = 1.05, 1.3
 # Metres: the hall, and walls that part it into bays; a bay has two panels.
 LENGTH, HEIGHT, DEPTH, BAYS, PANEL = 16.0, 3.0, 6.0, 8, 0.5
-# Points of a pass, a batch of a bake times four, and passes of each kind.
-POINTS, ROUNDS = 1 << 15, 9
+# Points of a pass, as many as a bake of a few minutes has, and passes of each kind.
+POINTS, ROUNDS = 1 << 17, 9
 TIMEOUT = 3000
 LATER = "not measured yet: on a quiet machine, python benchmarks/changing_light.py"
 

@@ -1,7 +1,7 @@
 """Moving pictures of README and docs: the light of a baked page changes, direct light beside learned light.
 
     python tools/moving_picture.py demo docs/images/lamp.webp
-    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 0,90 --back
+    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 90,0 --back
     python tools/moving_picture.py out/day docs/images/day.webp --query "day={}" --range 5,21
     python tools/moving_picture.py out/loft docs/images/lamps.webp --lamps --intensity 0 --learned
     python tools/moving_picture.py out/loft two.webp --queries "lamps=desk:1 lamps=desk:0" --learned
@@ -12,11 +12,11 @@ documentation, with the bakes that they are of:
     lightwell bake courtyard-day -o out/day
     python tools/moving_picture.py out/day docs/images/day.webp --query "day={}" --range 6,19 --frames 27 --most 400
     lightwell bake loft -o out/loft --lamps name
-    python tools/moving_picture.py out/loft docs/images/lamps.webp --lamps --intensity 0 --learned --most 400 \
-        --frames 44 --milliseconds 160
+    python tools/moving_picture.py out/loft docs/images/lamps.webp --lamps --intensity 0 --exposure 2 --learned \\
+        --frames 44 --milliseconds 160 --most 400
     lightwell bake doorway -o out/door --vary "node:Door.rotation=y:0..90"
-    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 0,90 --back \
-        --frames 36 --most 400
+    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 90,0 --back \\
+        --learned --frames 36 --milliseconds 110 --most 400
 """
 
 from __future__ import annotations
@@ -110,11 +110,11 @@ def queries_of(given: argparse.Namespace) -> list[str] | None:
 
 
 def lamp_queries(names: list[str], frames: int) -> list[str]:
-    """Switch lamps on, one after the other; each grows bright in the first half of its time.
+    """Show all lamps, then switch them on from darkness, one after the other; each grows bright in half of its time.
 
     Args:
         names: The lamps.
-        frames: Number of frames; the last ones show all lamps.
+        frames: Number of frames. The first one is what a reader without motion sees.
 
     Returns:
         Queries of the page's address.
@@ -122,7 +122,7 @@ def lamp_queries(names: list[str], frames: int) -> list[str]:
     found = []
     for frame in range(frames):
         at = (len(names) + 1) * frame / frames
-        dimmers = np.clip(2 * (at - np.arange(len(names))), 0, 1)
+        dimmers = np.clip(2 * (at - 1 - np.arange(len(names))), 0, 1) if at >= 1 else np.ones(len(names))
         found.append("lamps=" + ";".join(f"{quote(name)}:{dimmer:.3g}" for name, dimmer in zip(names, dimmers)))
     return found
 
