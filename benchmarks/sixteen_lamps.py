@@ -22,7 +22,7 @@ from lightwell.asset.records import FieldEntry, LampEntry
 from lightwell.asset.write import write_glb
 from lightwell.core.lamps import LampRules
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.surface.lamp_samples import RAYS_SHARE, LampSamples
+from lightwell.fields.surface.lamp_samples import BATCH, RAYS_SHARE, LampSamples
 from lightwell.fields.surface.lamps import PRESETS, LampsFit
 from lightwell.fields.surface.plan import RAYS
 from lightwell.graph import Graph
@@ -120,11 +120,15 @@ def tracing_row(measure: bool, quick: bool) -> Row:
 def traced(
     radiosity: Radiosity, groups: tuple[LampGroup, ...], points: SurfacePoints, rays: int, seed: int
 ) -> tuple[float, LampShares]:
-    """Seconds in which bins are lit by groups and points gather it, and the shares."""
+    """Seconds in which bins are lit by groups and points gather it, in batches as in a bake, and the shares."""
     start = perf_counter()
     light = LampLight(radiosity, groups, SEED + 1000 * seed)
-    shares = light.shares(points, rays, SEED + 1000 * seed + 1)
-    return perf_counter() - start, shares
+    parts = [
+        light.shares(points[np.arange(first, min(first + BATCH, len(points)))], rays, SEED + 1000 * seed + 1 + first)
+        for first in range(0, len(points), BATCH)
+    ]
+    seconds = perf_counter() - start
+    return seconds, LampShares(*(np.concatenate([getattr(p, half) for p in parts]) for half in ("half_a", "half_b")))
 
 
 def difference(shares: LampShares, group: int) -> float:
