@@ -62,7 +62,7 @@ SEED = 0xDA1
 class Effort:
     """How much is traced."""
 
-    atlases: tuple[tuple[int, int], ...] = ((512, 0), (512, 1), (1024, 2))
+    atlases: tuple[tuple[int, int], ...] = ((512, 0), (1024, 1))
     """Edge, texels, and levels of the mip chain beside the first: a picture may be that of any level."""
     keys: tuple[int, ...] = KEYS
     rays: int = 1 << 26
@@ -200,7 +200,11 @@ def best_maps(
     times, time = KeyTimes.of(radiosity, day, effort.keys[-1]), day.time(truth.light)
     found: list[tuple[Score, str, int]] = []
     for shape in effort.atlases:
-        atlas = KeyAtlas(scene, radiosity, times, shape, effort)
+        try:
+            atlas = KeyAtlas(scene, radiosity, times, shape, effort)
+        except ValueError as error:  # The charts of the scene do not fit.
+            print(f"  left out: {error}", flush=True)
+            continue
         for level, codec in product(range(shape[1] + 1), PLAIN_CODECS):
             made, light = atlas.pictures(codec, level), {}
             edge = atlas.made.atlas.size >> level
