@@ -69,6 +69,17 @@ def test_the_quick_web_benchmark_prints_rows_and_writes_nothing(run_here):
 
 
 @pytest.mark.slow
+def test_the_quick_benchmark_of_changing_light_measures_tracing_and_key_light_maps_and_writes_nothing(tmp_path):
+    results = ROOT / "benchmarks/results/changing_light.json"
+    before = results.read_bytes()
+    asked = ("--scenes", "none", "--quick", "--tracing", "--keys", "--keep", str(tmp_path))
+    rows = _run("benchmarks/changing_light.py", *asked).splitlines()
+    for what in ("tracing time, 16 groups over one at equal noise", "day: above blended key light maps"):
+        assert any(row.startswith(what) and "not measured" not in row for row in rows)
+    assert (tmp_path / "day/report.json").exists() and results.read_bytes() == before
+
+
+@pytest.mark.slow
 def test_the_quick_probe_benchmark_prints_rows_and_writes_nothing():
     results = ROOT / "benchmarks/results/light_probes.json"
     before = results.read_bytes() if results.exists() else None

@@ -25,7 +25,7 @@ await tab.evaluate(async (plan) => {
   await window.lightwell.ready;
   if (plan.camera) window.lightwell.setCamera(...plan.camera);
   else await window.lightwell.setView(plan.view ?? 0);
-  if (plan.intensity) window.lightwell.setIntensity(plan.intensity);
+  if (plan.intensity !== undefined) window.lightwell.setIntensity(plan.intensity);
 }, plan);
 
 const frames = [];

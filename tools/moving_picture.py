@@ -1,11 +1,22 @@
 """Moving pictures of README and docs: the light of a baked page changes, direct light beside learned light.
 
     python tools/moving_picture.py demo docs/images/lamp.webp
-    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 0,90 --back
+    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 90,0 --back
     python tools/moving_picture.py out/day docs/images/day.webp --query "day={}" --range 5,21
-    python tools/moving_picture.py out/loft docs/images/lamps.webp --queries "lamps=desk:1 lamps=desk:0" --learned
+    python tools/moving_picture.py out/loft docs/images/lamps.webp --lamps --intensity 0 --learned
+    python tools/moving_picture.py out/loft two.webp --queries "lamps=desk:1 lamps=desk:0" --learned
 
-Reads FOLDER/index.html and FOLDER/scene.glb, as `make demo` writes them. Needs Node and a Chromium.
+Reads FOLDER/index.html and FOLDER/scene.glb, as `make demo` writes them. Needs Node and a Chromium. The pictures of the
+documentation, with the bakes that they are of:
+
+    lightwell bake courtyard-day -o out/day
+    python tools/moving_picture.py out/day docs/images/day.webp --query "day={}" --range 6,19 --frames 27 --most 400
+    lightwell bake loft -o out/loft --lamps name
+    python tools/moving_picture.py out/loft docs/images/lamps.webp --lamps --intensity 0 --exposure 2 --learned \\
+        --frames 44 --milliseconds 160 --most 400
+    lightwell bake doorway -o out/door --vary "node:Door.rotation=y:0..90"
+    python tools/moving_picture.py out/door docs/images/door.webp --query "movers=Door:{}" --range 90,0 --back \\
+        --learned --frames 36 --milliseconds 110 --most 400
 """
 
 from __future__ import annotations
@@ -15,15 +26,17 @@ import json
 import subprocess
 import tempfile
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import lightwell
+from lightwell.asset.info import info
 
 ROOT = Path(__file__).parents[1]
-# Largest file, bytes: what a README may ask a reader to load.
-MOST_BYTES = 3_000_000
+# Largest file, kilobytes: what a README may ask a reader to load.
+MOST_KILOBYTES = 3_000
 # Encoder qualities that are tried, best first.
 QUALITIES = (82, 74, 66, 58, 50, 42)
 LABELS = ("direct light only", "with learned light")
@@ -81,6 +94,8 @@ def queries_of(given: argparse.Namespace) -> list[str] | None:
     Returns:
         Queries of the page's address.
     """
+    if given.lamps:
+        return lamp_queries(info(given.folder / "scene.glb")["lamps"], given.frames)
     if given.queries:
         words = given.queries.split()
         return [word for word in words for _ in range(max(given.frames // len(words), 1))]
@@ -92,6 +107,24 @@ def queries_of(given: argparse.Namespace) -> list[str] | None:
     values = low + (high - low) * share
     text = [f"{int(v)}:{int(v % 1 * 60):02d}" if given.query.startswith("day=") else f"{v:.4g}" for v in values]
     return [given.query.replace("{}", value) for value in text]
+
+
+def lamp_queries(names: list[str], frames: int) -> list[str]:
+    """Show all lamps, then switch them on from darkness, one after the other; each grows bright in half of its time.
+
+    Args:
+        names: The lamps.
+        frames: Number of frames. The first one is what a reader without motion sees.
+
+    Returns:
+        Queries of the page's address.
+    """
+    found = []
+    for frame in range(frames):
+        at = (len(names) + 1) * frame / frames
+        dimmers = np.clip(2 * (at - 1 - np.arange(len(names))), 0, 1) if at >= 1 else np.ones(len(names))
+        found.append("lamps=" + ";".join(f"{quote(name)}:{dimmer:.3g}" for name, dimmer in zip(names, dimmers)))
+    return found
 
 
 def side_by_side(pair: np.ndarray, learned: bool) -> Image.Image:
@@ -117,13 +150,14 @@ def side_by_side(pair: np.ndarray, learned: bool) -> Image.Image:
     return image
 
 
-def write(path: Path, images: list[Image.Image], milliseconds: int) -> int:
-    """Write an animated WebP within ``MOST_BYTES``.
+def write(path: Path, images: list[Image.Image], milliseconds: int, most: int) -> int:
+    """Write an animated WebP of at most so many bytes.
 
     Args:
         path: File to write.
         images: Its frames.
         milliseconds: Duration of a frame.
+        most: Bytes.
 
     Returns:
         Quality of the encoder.
@@ -142,9 +176,9 @@ def write(path: Path, images: list[Image.Image], milliseconds: int) -> int:
             quality=quality,
             method=4,
         )
-        if path.stat().st_size <= MOST_BYTES:
+        if path.stat().st_size <= most:
             return quality
-    raise ValueError(f"{path}: over {MOST_BYTES:,} bytes at quality {QUALITIES[-1]}; take fewer or smaller frames")
+    raise ValueError(f"{path}: over {most:,} bytes at quality {QUALITIES[-1]}; take fewer or smaller frames")
 
 
 def main() -> None:
@@ -164,6 +198,8 @@ def main() -> None:
     parser.add_argument("--range", default="0,1", help="first and last value of --query; hours where it is a day")
     parser.add_argument("--back", action="store_true", help="go back to the first value of --range")
     parser.add_argument("--queries", help="states of the page, separated by spaces")
+    parser.add_argument("--lamps", action="store_true", help="switch the lamps of the bake on, one after the other")
+    parser.add_argument("--most", type=int, default=MOST_KILOBYTES, help="largest file, kilobytes (1,000 bytes)")
     parser.add_argument("--learned", action="store_true", help="learned light alone")
     given = parser.parse_args()
     plan = {"size": [int(n) for n in given.size.split("x")], "view": given.view}
@@ -177,10 +213,10 @@ def main() -> None:
     if given.camera:
         eye, target, angle = given.camera.split("/")
         plan["camera"] = [[float(v) for v in eye.split(",")], [float(v) for v in target.split(",")], float(angle)]
-    plan |= {name: value for name in ("intensity", "exposure") if (value := getattr(given, name))}
+    plan |= {name: value for name in ("intensity", "exposure") if (value := getattr(given, name)) is not None}
     frames = photograph(given.folder, plan)
     images = [side_by_side(pair, given.learned) for pair in frames]
-    quality = write(given.out, images, given.milliseconds)
+    quality = write(given.out, images, given.milliseconds, 1000 * given.most)
     print(f"{given.out}: {len(images)} frames of {images[0].width}x{images[0].height}, quality {quality}, ", end="")
     print(f"{given.out.stat().st_size:,} bytes")
 

@@ -232,7 +232,8 @@ def radiance_unit(samples: Samples) -> float:
     if not mean > 0:
         raise ValueError(
             "bake: no indirect light reaches any sampled surface point; "
-            "move the light into the scene's air with --vary light.position=box(x0,y0,z0,x1,y1,z1)"
+            "move the light into the scene's air with --vary light.position=box(x0,y0,z0,x1,y1,z1), "
+            "or leave out a sun that shines into no opening"
         )
     return UNIT_FACTOR * mean
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -16,6 +16,8 @@ from lightwell.scenes.scene import Scene
 # Ends of the names of the parameters of emitters that say how bright they are.
 _BRIGHTNESS = ("radiance.value", "intensity.value", "irradiance.value")
 _PICTURES = ("radiance.data", "data")
+# May stand before the name of a lamp, as ``node:`` does before that of a node.
+LAMP_PREFIX = "lamp:"
 
 
 @contextmanager
@@ -25,7 +27,7 @@ def dimmed(scene: Scene, groups: Sequence[LampGroup], factors: Mapping[str, Sequ
     Args:
         scene: The scene; its emitters change meanwhile.
         groups: Groups of its lamps.
-        factors: Linear red, green and blue by name of a group; the other groups shine as they are.
+        factors: Linear red, green and blue by name of a group, or by ``lamp:NAME``; the other groups shine as they are.
 
     Yields:
         The scene.
@@ -34,10 +36,10 @@ def dimmed(scene: Scene, groups: Sequence[LampGroup], factors: Mapping[str, Sequ
         ValueError: There is no group of a name.
     """
     named = {group.name: group for group in groups}
+    factors = {name if name in named else name.removeprefix(LAMP_PREFIX): factor for name, factor in factors.items()}
     for name in factors:
         if name not in named:
-            known = did_you_mean(name, named, f"its lamps are {', '.join(map(repr, named)) or 'none'}")
-            raise ValueError(f"set: scene '{scene.name}' has no lamp '{name}'; {known}")
+            raise ValueError(f"set: scene '{scene.name}' has no lamp '{name}'; {_cure(scene, name, named)}")
     before: list[tuple[Any, dict[str, Any]]] = []
     try:
         emitters = scene.mi.emitters()
@@ -50,6 +52,13 @@ def dimmed(scene: Scene, groups: Sequence[LampGroup], factors: Mapping[str, Sequ
             for key, value in values.items():
                 parameters[key] = value
             parameters.update()
+
+
+def _cure(scene: Scene, name: str, named: Iterable[str]) -> str:
+    """What to write in place of a name that is no lamp's."""
+    if any(node.name == name for node in scene.nodes):
+        return f'it is a node, which moves by --set "node:{name}.rotation=45" or "node:{name}.translation=(0,0,0.6)"'
+    return did_you_mean(name, named, f"its lamps are {', '.join(map(repr, named)) or 'none'}")
 
 
 def _scaled(emitter: Any, factor: np.ndarray) -> tuple[Any, dict[str, Any]]:

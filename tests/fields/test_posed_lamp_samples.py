@@ -89,5 +89,5 @@ def test_groups_are_the_same_in_every_pose():
 
 def test_time_has_poses_and_too_little_is_refused():
     assert [len(PosedLampTracer(prepared(), seconds).poses) for seconds in (9.0, 60.0)] == [4, 8]
-    with pytest.raises(ValueError, match="flag take at least 4 poses, about 8 s, of 5 s that this budget leaves"):
+    with pytest.raises(ValueError, match="flag takes at least 4 poses, about 8 s, of 5 s that this budget leaves"):
         PosedLampTracer(prepared(), 5.0)

@@ -49,5 +49,5 @@ def test_fixed_counts_time_no_pose(state):
 
 
 def test_a_time_without_poses_is_refused_before_one_is_prepared(state):
-    with pytest.raises(ValueError, match="Door take at least 4 poses, about 8 s, of 5 s"):
+    with pytest.raises(ValueError, match="Door takes at least 4 poses, about 8 s, of 5 s"):
         gather_in_time(state, 5.0, GATHERED, lambda gathered: 1 / 0)

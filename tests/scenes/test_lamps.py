@@ -10,6 +10,7 @@ from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.load import load
 from lightwell.scenes.scene import Light, Material, Mesh, Scene
 from tests.transport.rooms import quad
 
@@ -92,6 +93,17 @@ def test_a_state_is_taken_back():
         np.testing.assert_allclose(value(0), before[0] * [0.5, 0.25, 0.0])
         np.testing.assert_allclose(value(1), before[1])
     np.testing.assert_allclose(value(0), before[0])
+    with dimmed(scene, groups, {"lamp:a": (0.5, 0.5, 0.5)}):
+        np.testing.assert_allclose(value(0), before[0] * 0.5)
+    np.testing.assert_allclose(value(0), before[0])
     message = r"set: scene 'room' has no lamp 'b'; .*'a'"
     with pytest.raises(ValueError, match=message), dimmed(scene, groups, {"b": (1,)}):
+        pass
+
+
+def test_the_name_of_a_node_that_is_no_lamp_names_the_way_to_move_it():
+    scene = load("doorway")
+    message = "has no lamp 'Door'; it is a node, which moves by --set \"node:Door.rotation=45\""
+    groups = group_lamps(scene, parse_lamps(()))
+    with pytest.raises(ValueError, match=message), dimmed(scene, groups, {"Door": (0, 0, 0)}):
         pass

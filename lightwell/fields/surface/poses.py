@@ -102,8 +102,9 @@ def gather_in_time(
         fields, share = len(state.roles), POSE_SECONDS * fewest / max(seconds, 1e-3)
         asked = math.ceil((request.budget.seconds or seconds * fields) * share * SPARE / 10) * 10
         raise ValueError(
-            f"bake: {names} take at least {fewest} poses, about {POSE_SECONDS * fewest:.0f} s, of {seconds:.0f} s that "
-            f"this budget leaves; give --budget {asked}s, or vary fewer things"
+            f"bake: {names} {'takes' if len(movers) == 1 else 'take'} at least {fewest} poses, about "
+            f"{POSE_SECONDS * fewest:.0f} s, of {seconds:.0f} s that this budget leaves; "
+            f"give --budget {asked}s, or vary fewer things"
         )
     each, found = POSE_SECONDS, _bounded(gathered, seconds, POSE_SECONDS)
     if timed is not None:
