@@ -94,3 +94,13 @@ def test_on_the_command_line_it_is_one_line(tmp_path, capsys):
     error = capsys.readouterr().err
     assert "lightmap' learns no sky; use --field factored, or drop the day" in error and error.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_of_several_lights_the_one_that_lights_nothing_is_named(tmp_path):
+    # No sun reaches the rooms of the doorway.
+    vary = ("light.position=box(-2.2,0.4,-1,2.2,2,1)", "sun.direction=arc(90,20,270,20)")
+    with pytest.raises(ValueError, match=r"the sun 'sun' reaches .*; drop sun\.direction from --vary"):
+        bake(
+            small(tmp_path / "out", scene="doorway", shards=1, steps=20, lights_per_shard=8, quality="draft", vary=vary)
+        )

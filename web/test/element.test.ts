@@ -130,6 +130,22 @@ it("puts what moves to its share of the range, which wins over its value", async
   expect(await door("door", null)).toBe(20);
 });
 
+it("sets lamps and the light as its attributes say from the first frame on", async () => {
+  const lamp = { name: "desk", nodes: [], intensity: 1, color: [1, 1, 1] };
+  const tamper = (json: any) => void Object.assign(json.extensions.LIGHTWELL_neural_radiance, { version: 2, lamps: [lamp] });
+  site.put("/lamps.glb", writeGlb(plainRoom({ tamper })));
+  const { page } = await open("lamps", '<lightwell-viewer src="/lamps.glb" lamps="desk:0.3" light="0.2 0.9 0.1"></lightwell-viewer>');
+  await loaded(page, 1);
+  const state = () =>
+    page.evaluate(() => {
+      const { scene } = document.querySelector("lightwell-viewer") as any;
+      return { desk: scene.switches[0].intensity, light: scene.lamps[0].value.toArray() };
+    });
+  expect(await state()).toEqual({ desk: 0.3, light: [0.2, 0.9, 0.1] });
+  await page.evaluate(() => document.querySelector("lightwell-viewer")!.removeAttribute("lamps"));
+  expect((await state()).desk).toBe(1);
+});
+
 it("shows a poster and how much has come, waits until it is near, and says what is seen", async () => {
   const { page } = await open(
     "lazy",

@@ -159,7 +159,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const movers = moverProps(learned.movers, (name) => TAKEN.includes(name) || name in this, "lightwell-viewer");
       if (movers.size > 0) this.short.observe(this, { attributeFilter: [...movers.keys()] });
       this.shown = { gltf, learned, scene, sky, movers };
-      for (const name of ["camera", "light", "day", "movers"]) this.apply(name);
+      for (const name of ["camera", "light", "day", "lamps", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
