@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.container import read_file, refusing
-from lightwell.asset.read import read_fields, refuse_moving
-from lightwell.asset.records import EXTENSION, FieldEntry
+from lightwell.asset.read import read_fields
+from lightwell.asset.records import EXTENSION, MOVING, FieldEntry
 from lightwell.files import write_atomically
 from lightwell.graph import graph_to_json
 from lightwell.graph.budget import graph_work
@@ -88,9 +88,8 @@ def export_field(
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
-    fields, _ = read_fields(path, limits)
+    fields, variables = read_fields(path, limits)
     entry = _named(fields, field, path)
-    refuse_moving(fields, "export")
     document, _ = read_file(path, limits)
     with refusing(path):
         request, bounds = _request(entry, document), _bounds(document)
@@ -101,6 +100,7 @@ def export_field(
         "title": entry.name,
         "weights": weights or ("inline" if small else "table"),
         "bounds": bounds,
+        "movers": [_range(variable) for variable in variables if variable["kind"] in MOVING],
     }
     # The exporter's own budget is set to the work of this asset, which has passed its limits.
     request["work"] = graph_work(entry.graph)
@@ -132,6 +132,12 @@ def write_export(out: Path, exported: Exported) -> list[Path]:
     for path, data in files.items():
         write_atomically(path, data)
     return list(files)
+
+
+def _range(mover: dict[str, Any]) -> str:
+    """Say between which values something moves, such as "Door, 0 to 90 degrees"."""
+    low, high = mover["range"]
+    return f"{mover['name']}, {low:g} to {high:g} {mover['unit']}"
 
 
 def _named(fields: list[FieldEntry], name: str, path: Path) -> FieldEntry:

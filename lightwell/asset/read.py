@@ -76,12 +76,13 @@ def read_light(
         raise ValueError(text if text.startswith("asset: ") else f"asset: '{path}': {text}") from error
 
 
-def refuse_moving(fields: Sequence[FieldEntry], verb: str) -> None:
+def refuse_moving(fields: Sequence[FieldEntry], verb: str, cure: str = "") -> None:
     """Refuse fields that follow a node that moves, for what knows one pose.
 
     Args:
         fields: The fields of a file.
         verb: What cannot take them, for the message.
+        cure: What else can be done, before "bake without".
 
     Raises:
         ValueError: A field reads the pose of a node.
@@ -90,7 +91,7 @@ def refuse_moving(fields: Sequence[FieldEntry], verb: str) -> None:
         if "pose" in field.graph.inputs:
             raise ValueError(
                 f"{verb}: field '{field.name}' follows a node that moves, which only lightwell's own page and runtime "
-                "for three.js play; bake without --vary node:…"
+                f"for three.js play; {cure}bake without --vary node:…"
             )
 
 

@@ -13,14 +13,13 @@ from lightwell.baking.pipeline import (
     PAGE,
     attempt_exposure,
     loaded,
-    refuse_mover,
-    refuse_sky,
     shown_lights,
     write_asset,
     write_report_and_page,
 )
 from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.baking.refusals import refuse_declared, refuse_sky
 from lightwell.baking.score import reference_budget, score, variable_json
 from lightwell.baking.settings import Compared, field_options, request_of
 from lightwell.baking.side_by_side import aligned
@@ -172,9 +171,10 @@ class _Comparison:
         preset = preset_of(choice.field, choice.preset, self.settings.quality)
         request = replace(Request(**request_of(self.settings)), preset=preset)
         options = field_options(choice.field, {}, "compare")
-        state = field.prepare(Job(self.scene, request, options, self.work, self.progress, shared=True))
+        job = Job(self.scene, request, options, self.work, self.progress, shared=True)
+        refuse_declared(choice.field, field, job)
+        state = field.prepare(job)
         refuse_sky(choice.field, field, state)
-        refuse_mover(choice.field, field, state)
         fit = self._fit(field, state, choice)
         shipped = Shipped.of(ROLE, fit, fit.lower())
         reference = self._traced(state, fit)

@@ -26,6 +26,7 @@ from lightwell.baking.exposure import metered_exposure
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.poses import view_pose
 from lightwell.baking.reference import Reference, ViewSetup, choose_stage, trace_reference
+from lightwell.baking.refusals import refuse_declared, refuse_sky
 from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.cluster.attach import attached
@@ -44,9 +45,8 @@ from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.lamp_clips import lamp_clips
-from lightwell.scenes.posing import declared_movers
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import by_light, has_sky, to_json
+from lightwell.scenes.variables import by_light, to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
@@ -104,9 +104,9 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
         raise ValueError("bake: --preview shows one light; leave it out, or drop a light from --vary")
     if preview:
         preview.begin(job.scene, job.request)
+    refuse_declared(name, field, job)
     state = field.prepare(job)
     refuse_sky(name, field, state)
-    refuse_mover(name, field, state)
     if job.request.lamps and not state.lamps and parse_lamps(job.request.lamps).mode != "none":
         raise ValueError(f"bake: field '{name}' learns all lights together; use --field factored, or leave out --lamps")
     # Damaged animations of lamps are refused before anything is traced.
@@ -120,38 +120,6 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
     if again := state.finished(fits):
         return _write_rebake(state, settings, shipped, again)
     return _score_and_write(state, settings, name, shipped)
-
-
-def refuse_sky(name: str, field: Field, state: State) -> None:
-    """Refuse a day for fields that take all direct light for the rasteriser's.
-
-    Args:
-        name: What ``--field`` calls the field.
-        field: The field.
-        state: The prepared scene.
-
-    Raises:
-        ValueError: The variable has a sky, which the field does not learn.
-    """
-    if has_sky(state.variable) and not getattr(field, "learns_sky", False):
-        raise ValueError(f"bake: field '{name}' learns no sky; use --field factored, or drop the day from --vary")
-
-
-def refuse_mover(name: str, field: Field, state: State) -> None:
-    """Refuse a node that moves for fields that learn one pose.
-
-    Args:
-        name: What ``--field`` calls the field.
-        field: The field.
-        state: The prepared scene.
-
-    Raises:
-        ValueError: A node is declared, which is not there or which the field does not learn.
-    """
-    movers = declared_movers(state.job.request.vary, state.job.scene)
-    if movers and not getattr(field, "learns_movers", False):
-        names = ", ".join(f"'{mover.name}'" for mover in movers)
-        raise ValueError(f"bake: field '{name}' learns one pose; use --field factored, or drop {names} from --vary")
 
 
 def loaded(settings: BakeSettings | CompareSettings) -> Scene:

@@ -173,9 +173,9 @@ class Preview:
         shown = self.shown
         assert shown is not None
         samples = shown.samples(lights, role, SEED + 2 * number)
-        setup = FieldSetup.of(
-            shown.scene, radiance_unit(samples), "static" if role == "static" else shown.variable.kind, shown.variable
-        )
+        light = None if role == "static" else shown.variable
+        unit = radiance_unit(samples, light)
+        setup = FieldSetup.of(shown.scene, unit, light.kind if light else "static", shown.variable)
         learner = find_field(DEFAULT).start(around_samples(setup, samples), PRESET, shown.seed)
         learner.learn_from(samples)
         learner.validate_on(shown.samples(HELD_OUT_LIGHTS, role, SEED + 1))

@@ -13,6 +13,8 @@ from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
 
 # Parameters of the sun and its sky.
 OF_SUN = ("direction", "day", "north", "turbidity")
+# ... and those that give it a sky.
+OF_SKY = ("day", "turbidity")
 # Haze that Mitsuba's sky knows.
 TURBIDITY = (1.0, 10.0)
 _DAY = re.compile(r"day\s*=(.*)", re.DOTALL)

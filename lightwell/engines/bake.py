@@ -50,7 +50,8 @@ def read_bake(path: str | Path, limits: Limits | None = None) -> Bake:
     folder = Path(path) if Path(path).is_dir() else Path(path).parent
     asset = folder / ASSET if Path(path).is_dir() else Path(path)
     fields, variables = read_fields(asset, limits)
-    refuse_moving(fields, "export")
+    # Light map and probes of an engine are numbers of one pose.
+    refuse_moving(fields, "export", "take one field with --to gdshader, hlsl or another shading language, or ")
     document, _ = read_file(asset, limits)
     with refusing(asset):
         lit = lit_nodes(document)

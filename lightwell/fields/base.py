@@ -14,7 +14,7 @@ from lightwell.networks.loop import Progress as Progress
 from lightwell.networks.loop import TrainingState
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Material, Scene
-from lightwell.scenes.variables import Variable
+from lightwell.scenes.variables import Sun, Variable, has_sky
 from lightwell.transport.samples import Query, Samples, columns_of
 
 # The radiance unit is this many times the mean target, so that the mean is 0.25 and the ε of an error has a meaning.
@@ -216,11 +216,12 @@ class Learner(Protocol):
         """
 
 
-def radiance_unit(samples: Samples) -> float:
+def radiance_unit(samples: Samples, variable: Variable | None = None) -> float:
     """Compute the radiance unit S: 4 × the area-uniform mean of the targets over points, paths and colour channels.
 
     Args:
         samples: N samples.
+        variable: The declared light that they are of, for the message; None: the scene's own.
 
     Returns:
         S, > 0.
@@ -230,12 +231,23 @@ def radiance_unit(samples: Samples) -> float:
     """
     mean = float(np.average(samples.radiance.mean(axis=1), weights=samples.weight))
     if not mean > 0:
-        raise ValueError(
-            "bake: no indirect light reaches any sampled surface point; "
-            "move the light into the scene's air with --vary light.position=box(x0,y0,z0,x1,y1,z1), "
-            "or leave out a sun that shines into no opening"
-        )
+        raise ValueError(f"bake: {_dark(variable)}")
     return UNIT_FACTOR * mean
+
+
+def _dark(variable: Variable | None) -> str:
+    """Say which light is none, and the cure."""
+    if variable is None:
+        return "no light of the scene's own reaches any sampled surface point; bake with --no-static"
+    name, said = variable.name, "reaches any sampled surface point"
+    if isinstance(variable, Sun):
+        kind = "of sun and sky" if variable.sky else "of the sun"
+        drop = f"'{name}'" if has_sky(variable) else f"{name}.direction"
+        return f"no indirect light {kind} '{name}' {said}: the scene has no opening to it; drop {drop} from --vary"
+    return (
+        f"no indirect light of '{name}' {said}; "
+        f"move it into the scene's air with --vary {name}.position=box(x0,y0,z0,x1,y1,z1)"
+    )
 
 
 def query_inputs(query: Query) -> dict[str, np.ndarray]:

@@ -1,7 +1,9 @@
-"""Mixing factors of K bases, evaluated once per frame: of the position of a light, the dimmers of lamps, or a pose."""
+"""Mixing factors of K bases, evaluated once per frame: of the position of a light, the dimmers of lamps, a pose, or
+dimmers and a pose."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,12 +109,7 @@ class LampMix:
             Name of the node with the 27 numbers.
         """
         k = self.groups
-        even, rest = [], []
-        for color in range(3):
-            dimmers = b.slice("lamps", color * k, k, per_frame=True)
-            even.append(b.matvec(b.slice(bases, color * k, k), dimmers, 1))
-            rest.append(b.matvec(b.slice(bases, (3 + 8 * color) * k, 8 * k), dimmers, 8))
-        return b.concat(*even, *rest)
+        return _by_color(b, bases, [b.slice("lamps", color * k, k, per_frame=True) for color in range(3)], k)
 
 
 @dataclass(frozen=True)
@@ -137,17 +134,62 @@ class PoseMix:
         Returns:
             Name of the node with the 27 numbers.
         """
-        at, count = np.array(self.poses), len(self.poses)
-        # max(pose - at, 0) bends at each pose; their sums with these factors are the hat functions of the poses.
-        bends = b.activate(b.linear("pose", np.ones((count, 1)), -at, per_frame=True), "relu", per_frame=True)
-        hats, slope = np.zeros((count, count)), 1 / np.diff(at)
-        for k in range(count - 1):
-            hats[k, k] -= slope[k]
-            hats[k, k + 1] += slope[k]
-            hats[k + 1, k] += slope[k]
-            hats[k + 1, k + 1] -= slope[k]
-        return b.matvec(bases, b.linear(bends, hats, np.eye(count)[0], per_frame=True), 27)
+        return b.matvec(bases, _between(b, self.poses, np.eye(len(self.poses))), 27)
 
 
-Mixing = WeightCode | LampMix | PoseMix
+@dataclass(frozen=True)
+class PosedLampMix:
+    """Bases of all groups in all poses; a group's factors are interpolated linearly between two poses."""
+
+    poses: tuple[float, ...]
+    """[P] increasing sliders from 0 to 1, P ≥ 2."""
+    mix: np.ndarray
+    """[P, G, K] factors of the bases that give the light of each group in each pose."""
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Inputs of a graph that the factors depend on, and their widths."""
+        return {"lamps": 3 * self.mix.shape[1], "pose": 1}
+
+    def mixed(self, b: Builder, bases: str) -> str:
+        """Add the sum of the groups' light in a pose, colour by colour, to a graph.
+
+        Args:
+            b: Graph under construction with the inputs ``lamps`` [3 G], as ``LampMix`` has them, and ``pose`` [1].
+            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
+
+        Returns:
+            Name of the node with the 27 numbers.
+        """
+        poses, groups, k = self.mix.shape
+        # [K, G]: basis by group.
+        of_groups = _between(b, self.poses, self.mix.transpose(2, 1, 0).reshape(k * groups, poses))
+        dimmers = [b.slice("lamps", color * groups, groups, per_frame=True) for color in range(3)]
+        return _by_color(b, bases, [b.matvec(of_groups, d, k, per_frame=True) for d in dimmers], k)
+
+
+def _between(b: Builder, poses: tuple[float, ...], values: np.ndarray) -> str:
+    """[N] numbers at the input ``pose``, interpolated linearly between those [N, P] of the poses."""
+    at, count = np.array(poses), len(poses)
+    # max(pose - at, 0) bends at each pose; their sums with these factors are the hat functions of the poses.
+    bends = b.activate(b.linear("pose", np.ones((count, 1)), -at, per_frame=True), "relu", per_frame=True)
+    hats, slope = np.zeros((count, count)), 1 / np.diff(at)
+    for k in range(count - 1):
+        hats[k, k] -= slope[k]
+        hats[k, k + 1] += slope[k]
+        hats[k + 1, k] += slope[k]
+        hats[k + 1, k + 1] -= slope[k]
+    return b.linear(bends, values @ hats, values[:, 0], per_frame=True)
+
+
+def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str:
+    """[27] sum of ``count`` bases [27 K] times the factors [K] of each colour."""
+    even, rest = [], []
+    for color, factor in enumerate(factors):
+        even.append(b.matvec(b.slice(bases, color * count, count), factor, 1))
+        rest.append(b.matvec(b.slice(bases, (3 + 8 * color) * count, 8 * count), factor, 8))
+    return b.concat(*even, *rest)
+
+
+Mixing = WeightCode | LampMix | PoseMix | PosedLampMix
 """What the factors of a volume's bases are computed from."""

@@ -184,12 +184,15 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
     totals = [mi.Float(0)] * 30
     at = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
     at.p, at.t = p, mi.Float(0)
+    # Of a day the sky is learned whole; its sun is the rasteriser's, as any declared light.
+    straight = own or source.first_hit
     # ------------------------ Emitter sampling ------------------------
-    if own:
+    if straight:
         wo, weight, pdf, delta, shadow = source.sample(
             geometry, at, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
         )
-        lit = (dr.max(weight) > 0) & ~geometry.ray_test(shadow)
+        lit = (dr.max(weight) > 0) & (mi.Bool(own) | ~delta)
+        lit &= ~geometry.ray_test(shadow, lit)
         mis = dr.select(delta, 1, power_heuristic(pdf, UNIFORM))
         totals = _added(totals, wo, n, dr.select(lit, mis * weight, 0))
     # --------------------- Uniformly distributed ray ---------------------
@@ -197,7 +200,7 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
     ray = mi.Ray3f(p, d)
     si = geometry.ray_intersect(ray)
     L = dr.select(si.is_valid(), trace(geometry, si, source, rng, independent(rng), max_depth - 1, rr_depth, True), 0)
-    if own:
+    if straight:
         Le, hit_pdf = source.hit(geometry, interaction_at(at), si, ray, mi.Bool(False), mi.Bool(True))
         L += power_heuristic(mi.Float(UNIFORM), hit_pdf) * Le
     return _added(totals, d, n, L / UNIFORM)

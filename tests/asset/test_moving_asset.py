@@ -131,9 +131,16 @@ def test_files_that_break_the_rules_are_refused(tmp_path, change, message):
         validate(extension)
 
 
-def test_exports_say_that_they_know_one_pose(tmp_path):
+def test_a_shader_takes_the_pose_and_says_its_range(tmp_path):
     path = tmp_path / "scene.glb"
     written(path, "node:Door.rotation=y:0..90")
-    for export in (lambda: export_field(path, to="glsl"), lambda: read_bake(path)):
-        with pytest.raises(ValueError, match="export: field 'static' follows a node that moves"):
-            export()
+    text = export_field(path, to="glsl").text
+    assert "vec3 lightwell(vec3 rest_position, vec3 rest_normal, float pose)" in text
+    assert "1 at the last (Door, 0 to 90 degrees)" in text
+
+
+def test_engines_say_that_they_know_one_pose(tmp_path):
+    path = tmp_path / "scene.glb"
+    written(path, "node:Door.rotation=y:0..90")
+    with pytest.raises(ValueError, match=r"export: field 'static' follows a node that moves.*--to gdshader"):
+        read_bake(path)

@@ -11,6 +11,8 @@ import pytest
 from lightwell.asset.read import read_fields
 from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
+from lightwell.cli import main
+from lightwell.fields.registry import find_field
 from lightwell.rendering.path import render_path
 from lightwell.rendering.settings import RenderSettings
 from lightwell.scenes.variables import from_json
@@ -72,6 +74,33 @@ def test_a_time_that_cannot_be_shown_is_one_line_with_a_cure(tmp_path, options, 
     assert message in str(error.value)
 
 
-def test_a_field_without_a_sky_refuses_a_day(tmp_path):
+@pytest.mark.parametrize("name", ["probes", "lightmap"])
+def test_a_field_without_a_sky_refuses_a_day_before_it_prepares_the_scene(tmp_path, name, monkeypatch):
+    field, message = find_field(name), f"field '{name}' learns no sky; use --field factored"
+    monkeypatch.setattr(type(field), "prepare", lambda *_: pytest.fail("the scene is prepared"))
+    for vary in ((DAY,), ("sun.direction=arc(90,10,270,10)", "sun.turbidity=4")):
+        with pytest.raises(ValueError, match=message):
+            bake(small(tmp_path / "out", field=name, vary=vary))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_day_that_the_scene_suggests_is_refused_too(tmp_path):
     with pytest.raises(ValueError, match="field 'probes' learns no sky; use --field factored"):
-        bake(small(tmp_path / "out", field="probes", vary=(DAY,)))
+        bake(small(tmp_path / "out", scene="courtyard-day", field="probes"))
+
+
+def test_on_the_command_line_it_is_one_line(tmp_path, capsys):
+    assert main(["bake", "cornell", "-o", str(tmp_path / "out"), "--field", "lightmap", "--vary", DAY]) == 2
+    error = capsys.readouterr().err
+    assert "lightmap' learns no sky; use --field factored, or drop the day" in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_of_several_lights_the_one_that_lights_nothing_is_named(tmp_path):
+    # No sun reaches the rooms of the doorway.
+    vary = ("light.position=box(-2.2,0.4,-1,2.2,2,1)", "sun.direction=arc(90,20,270,20)")
+    with pytest.raises(ValueError, match=r"the sun 'sun' reaches .*; drop sun\.direction from --vary"):
+        bake(
+            small(tmp_path / "out", scene="doorway", shards=1, steps=20, lights_per_shard=8, quality="draft", vary=vary)
+        )

@@ -24,6 +24,8 @@ from lightwell.probes.bake import bake_geometry
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
+from lightwell.scenes.posing import declared_movers, posed, with_movers
+from lightwell.scenes.variables import from_json
 from tests.baking.conftest import small
 from tests.baking.test_lamps_bake import room
 
@@ -119,7 +121,6 @@ def test_engines_find_the_probes(baked):
             {"vary": ("node:Door.rotation=y:0..90", "light.position=box(-2.2,0.4,-1,2.2,2,1)")},
             "one light, node or clip, not 2 (Door, light)",
         ),
-        ({"vary": ("day=2026-06-21,48.1,11.6",)}, "learns no sky; use --field factored"),
         ({"options": {"rebake": "x"}}, "--rebake is an option of the field"),
         ({"field": "factored+lightmap"}, "the one pair is --field factored+probes"),
     ],
@@ -171,3 +172,49 @@ def test_fixed_counts_and_goals_need_no_plan():
     preset = probe_light.PRESETS["default"]
     found = probe_plan(job, None, preset, 0.5, {"static": 1}, None)  # type: ignore[arg-type]
     assert found == ProbePlan(0.5, {"static": 1}, 1.0, True)
+
+
+def tiny_bake(folder: Path, spacing: str = "1m", **changes) -> dict:
+    """Bake with few probes and twelve states of a light."""
+    tiny = replace(probe_light.PRESETS["draft"], states=12, rank=3, sampling=FEW, static_sampling=FEW, bricks=0.0)
+    few = {"shards": 1, "steps": 40, "lights_per_shard": 8, "views": 1, "quality": "draft"} | changes
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(probe_light, "preset_of", lambda quality: ("draft", tiny))
+        return bake(small(folder, field="factored+probes", options={"spacing": spacing}, **few))
+
+
+@pytest.mark.slow
+def test_probes_follow_the_sun_and_the_sky_of_a_day(tmp_path):
+    report = tiny_bake(
+        tmp_path / "out", scene="cornell", spacing="50cm", steps=400, vary=("day=2026-06-21,48.1,11.6", "day.north=180")
+    )
+    assert validate_file(tmp_path / "out") == [] and 0 < report["facts"]["indirect_probes"]["error_in_the_air"] < 1
+    sun = from_json(read_light(tmp_path / "out/scene.glb")[2][0])
+    place, scene = (0.0, 1.0, 0.0), load("cornell")
+    for t in (0.1, 0.5, 0.9):
+        more = {"normals": np.array([[0.0, 0.0, 1.0]]), "variable": sun, "light": sun.direction(t)}
+        truth = air_light(scene, np.array([place]), 4096, 3, **more).irradiance[0] / np.pi
+        found = asked(tmp_path / "out", "indirect", place, (0, 0, 1), light=sun.direction(t))
+        # The box is open to the sky in front. 64 paths a probe: without the sky it is half as bright.
+        np.testing.assert_allclose(found.mean(), truth.mean(), rtol=0.4)
+    assert read_bake(tmp_path / "out").probes is not None
+
+
+@pytest.mark.slow
+def test_probes_follow_switches_where_something_moves(tmp_path):
+    path = room(tmp_path / "room.glb")
+    vary = ("node:cool.translation=(0,0,0)..(0,0.6,0)",)
+    report = tiny_bake(tmp_path / "out", scene=str(path), lamps=("name",), vary=vary)
+    assert report["facts"]["static_probes"]["follows"] == "the switches of the lamps and the node that moves"
+    assert validate_file(tmp_path / "out") == []
+    scene, place, up = load(str(path)), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
+    scene = with_movers(scene, declared_movers(vary, scene))
+    ask = lambda pose, *dimmers: asked(tmp_path / "out", "static", place, up, lamps=np.tile(dimmers, 3), pose=pose)  # noqa: E731
+    for pose in (0.0, 1.0):
+        for emitter, dimmers in enumerate(((1, 0), (0, 1))):
+            more = {"normals": np.array([up]), "emitters": (emitter,)}
+            truth = air_light(posed(scene, (pose,)), np.array([place]), 4096, 3, **more).irradiance[0] / np.pi
+            np.testing.assert_allclose(ask(pose, *dimmers).mean(), truth.mean(), rtol=0.5)
+        np.testing.assert_allclose(ask(pose, 1, 0) + ask(pose, 0, 1), ask(pose, 1, 1), rtol=1e-3)
+    # The panel that slides up lights the place from above the more it is there; the other panel stays.
+    np.testing.assert_allclose(ask(0.5, 0, 1), 0.5 * (ask(0.0, 0, 1) + ask(1.0, 0, 1)), rtol=0.5)

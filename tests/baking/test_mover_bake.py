@@ -48,10 +48,6 @@ def test_two_things_move_and_are_scored_each_from_end_to_end(tmp_path):
     "more, message",
     [
         ({"field": "mlp"}, "field 'mlp' learns one pose; use --field factored, or drop 'Door' from --vary"),
-        (
-            {"field": "factored+probes", "lamps": ("name",)},
-            "probes follow the switches of lamps or 'Door', not both; leave out --lamps, drop 'Door' from --vary",
-        ),
         ({"vary": ("node:Dor.rotation=y:0..90",)}, "has no node 'Dor'; the nearest names are 'Door'"),
     ],
 )

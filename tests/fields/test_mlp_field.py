@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lightwell.core.formats import ARRAYS
-from lightwell.fields.base import FieldSetup, query_inputs, radiance_unit
+from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.registry import BUILT_IN, check_preset, find_field
 from lightwell.fields.surface.mlp import PRESETS, MlpFit, MlpPreset
 from lightwell.graph import evaluate
@@ -145,10 +145,3 @@ def test_unknown_names_say_what_exists():
     with pytest.raises(ValueError, match=r"has no preset 'best'; choose one of default"):
         check_preset("mlp", "best")
     assert all(find_field(name).name == name and "default" in find_field(name).presets for name in BUILT_IN)
-
-
-def test_a_black_scene_is_refused():
-    samples = _samples(16, 1)
-    dark = Samples(samples.query, samples.half_a * 0, samples.half_b * 0, samples.weight, samples.shape)
-    with pytest.raises(ValueError, match="no indirect light reaches"):
-        radiance_unit(dark)

@@ -1,5 +1,6 @@
 /** `<lightwell-viewer>`: what its attributes do, what it tells, and one renderer for all elements of a page. */
 
+import { readFileSync } from "node:fs";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
 import { launch, openPage, Site } from "./support/browser.ts";
@@ -104,6 +105,45 @@ it("stands at the file's camera of a name, at a place, or at the first camera, w
   expect(await stand("near")).toEqual([0.2, 1, 2, 34.38]);
   expect(await stand("1 2 3 / 0 1 0")).toEqual([1, 2, 3, 40]);
   expect(await page.evaluate(() => (document.querySelector("lightwell-viewer") as any).scene.exposure)).toBe(1.5);
+});
+
+it("puts what moves to its share of the range, which wins over its value", async () => {
+  site.put("/door.glb", readFileSync(new URL("fixtures/field-and-probes.glb", import.meta.url)));
+  const { page } = await open("door", '<lightwell-viewer src="/door.glb" door="0.5"></lightwell-viewer>');
+  await loaded(page, 1);
+  const door = (name: string | null, value: string | null) =>
+    page.evaluate(
+      async ([name, value]) => {
+        const viewer = document.querySelector("lightwell-viewer") as any;
+        if (name && value === null) viewer.removeAttribute(name);
+        else if (name) viewer.setAttribute(name, value);
+        await new Promise((resolve) => setTimeout(resolve));
+        return viewer.scene.movers[0].value as number;
+      },
+      [name, value] as const,
+    );
+  expect(await door(null, null)).toBe(45);
+  expect(await door("door", "2")).toBe(90);
+  expect(await door("movers", "Door:20")).toBe(90);
+  expect(await door("door", "ajar")).toBe(20);
+  expect(await door("door", "0.1")).toBeCloseTo(9, 5);
+  expect(await door("door", null)).toBe(20);
+});
+
+it("sets lamps and the light as its attributes say from the first frame on", async () => {
+  const lamp = { name: "desk", nodes: [], intensity: 1, color: [1, 1, 1] };
+  const tamper = (json: any) => void Object.assign(json.extensions.LIGHTWELL_neural_radiance, { version: 2, lamps: [lamp] });
+  site.put("/lamps.glb", writeGlb(plainRoom({ tamper })));
+  const { page } = await open("lamps", '<lightwell-viewer src="/lamps.glb" lamps="desk:0.3" light="0.2 0.9 0.1"></lightwell-viewer>');
+  await loaded(page, 1);
+  const state = () =>
+    page.evaluate(() => {
+      const { scene } = document.querySelector("lightwell-viewer") as any;
+      return { desk: scene.switches[0].intensity, light: scene.lamps[0].value.toArray() };
+    });
+  expect(await state()).toEqual({ desk: 0.3, light: [0.2, 0.9, 0.1] });
+  await page.evaluate(() => document.querySelector("lightwell-viewer")!.removeAttribute("lamps"));
+  expect((await state()).desk).toBe(1);
 });
 
 it("shows a poster and how much has come, waits until it is near, and says what is seen", async () => {

@@ -167,6 +167,31 @@ describe("lightwell/react", () => {
   });
 });
 
+describe("what moves in lightwell/react", () => {
+  it("has its short form, 0 to 1 of its range, beside values by name, lamps and a day", async () => {
+    const code = await bundle("pages/fiber.tsx", { development: true });
+    extra.set("/door.glb", ["model/gltf-binary", readFileSync(new URL("fixtures/field-and-probes.glb", import.meta.url))]);
+    const body = '<body data-src="/door.glb"><style>body{margin:0}</style><div id="root" style="width:80px;height:60px"></div>';
+    extra.set("/door.html", ["text/html", modulePage(code, body)]);
+    const { page, errors } = await openPage(browser, 80, 60);
+    await page.goto(`${origin}/door.html`);
+    await page.waitForFunction(() => (window as any).found.scene?.movers.length === 1);
+    const door = async (more: Record<string, unknown>) => {
+      await page.evaluate((props) => (window as any).show("/door.glb", [0, 0, 0], props), more);
+      return expect.poll(() => page.evaluate(() => (window as any).found.scene.movers[0].value as number));
+    };
+    await (await door({ movers: { Door: 20 } })).toBe(20);
+    await (await door({ movers: { Door: 20 }, door: 0.5 })).toBe(45);
+    await (await door({ door: 1 })).toBe(90);
+    await (await door({})).toBe(await page.evaluate(() => (window as any).found.scene.movers[0].record.initial));
+    // The group of three.js has no such property.
+    await (await door({ door: 0.25 })).toBe(22.5);
+    expect(await page.evaluate(() => "door" in (window as any).found.scene.root.parent)).toBe(false);
+    expect(errors.filter(isOurs)).toEqual([]);
+    await page.close();
+  });
+});
+
 describe("<lightwell-viewer>", () => {
   it("loads without a build step, follows its attributes, and leaves nothing behind", async () => {
     const { page, errors } = await openPage(browser, 240, 180);

@@ -6,7 +6,7 @@ import { fileURLToPath } from "node:url";
 import type { Browser, Page } from "playwright-core";
 import { readExtension } from "lightwell";
 import { exportShader } from "lightwell/export";
-import type { StoredBuffer } from "lightwell/graph";
+import { evaluate, type StoredBuffer } from "lightwell/graph";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
 import { type ExportedJob, runExportedGlsl, runExportedWgsl, runShadertoy } from "./pages/exported.ts";
 import { loadVectors, row, type Vector, worstError } from "./parity-vectors.ts";
@@ -118,6 +118,49 @@ describe.each(["glsl", "wgsl"] as const)("%s", (to) => {
       }
     }
   });
+});
+
+/** A field of a door and a crate: numbers of a frame times where the surface is at rest. */
+async function movingField(frame = "pose") {
+  const { readGraph } = await import("lightwell/graph");
+  const data = Float32Array.from({ length: 18 }, (_, i) => Math.sin(i + 1));
+  const buffers = new Map<string, StoredBuffer>([
+    ["w", { shape: [9, 2], type: "float32", data }],
+    ["b", { shape: [9], type: "float32", data: data.slice(9) }],
+  ]);
+  const json = {
+    version: 1,
+    inputs: { rest_position: 3, [frame]: 2 },
+    buffers: { w: { shape: [9, 2], type: "float32" }, b: { shape: [9], type: "float32" } },
+    nodes: [
+      { id: "frame", op: "linear", inputs: [frame], weights: "w", bias: "b", per_frame: true },
+      { id: "out", op: "matvec", inputs: ["frame", "rest_position"], rows: 3 },
+    ],
+    outputs: { radiance: "out" },
+  };
+  return readGraph(json, buffers);
+}
+
+it.each(["glsl", "wgsl"] as const)("%s of a field that follows what moves takes the pose, and says its range", async (to) => {
+  const graph = await movingField();
+  const shader = exportShader(graph, { to, movers: ["Door, 0 to 90 degrees", "crate, 0 to 0.5 metres"] });
+  expect(shader.text).toMatch(/\/\/ {3}pose: .*0 at the first value.*\(Door, 0 to 90 degrees\) \(crate, 0 to 0.5 metres\)/);
+  const points = [[0, 0], [1, 0], [0.3, 0.8], [1, 1]].map((pose, i) => ({ rest_position: [i - 1, 0.5, 2 - i], pose }));
+  const inputs = [...graph.inputs].map(([name, width]) => ({ width, rows: points.map((point) => point[name as "pose"]) }));
+  const found = await run(to, jobOf(shader, inputs));
+  const expected = points.map((point) => [...evaluate(graph, point).radiance!]);
+  expect(errorOf(found, expected)).toBeLessThan(TOLERANCE);
+  // The pose is used: the crate alone changes the light.
+  expect(Math.abs(found[0]![0]! - found[3]![0]!)).toBeGreaterThan(0.01);
+});
+
+it("a Shadertoy shows what moves at rest, and refuses inputs that it cannot make up", async () => {
+  const graph = await movingField();
+  const shader = exportShader(graph, { to: "shadertoy" });
+  expect(shader.text).toContain("lightwell(position, vec2(POSE))");
+  await page.evaluate(runShadertoy, shader.text);
+  const lamps = await movingField("lamps");
+  expect(() => exportShader(lamps, { to: "shadertoy" })).toThrow("expected a field without the input 'lamps'; export glsl instead");
 });
 
 /** The whole-network SIREN of a light map: (u, v) and two more numbers to RGB. */

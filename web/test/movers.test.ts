@@ -1,9 +1,10 @@
 /** Nodes of a file that move: what is read, where they stand, and what a field is told of them. */
 
 import { AnimationClip, BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, QuaternionKeyframeTrack, Vector3, VectorKeyframeTrack } from "three";
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import { type MoverRecord, readMovers } from "../runtime/src/mover-record.ts";
 import { moverValuesText, readMoverValues } from "../runtime/src/mover-values.ts";
+import { moverProp, moverProps, setMovers } from "../runtime/src/mover-props.ts";
 import { Mover } from "../runtime/src/movers.ts";
 import { toRestOf } from "../runtime/src/to-rest.ts";
 import { readVariables } from "../runtime/src/variables.ts";
@@ -165,5 +166,35 @@ describe("values in a text", () => {
     expect(moverValuesText([mover])).toBe("");
     mover.value = 30;
     expect(moverValuesText([mover])).toBe("Door:30");
+  });
+});
+
+describe("short forms", () => {
+  const mover = (name: string, range = [0, 90]) => house(read({ ...DOOR, name, range, initial: range[0] })[0]!).mover;
+
+  it("are names in lower case that attributes can have", () => {
+    const names = ["Door", "Sliding door.001", "Tür", "--"].map(moverProp);
+    expect(names).toEqual(["door", "sliding-door-001", "tür", ""]);
+  });
+
+  it("are refused in one line where they are taken", () => {
+    const said = vi.spyOn(console, "warn").mockImplementation(() => {});
+    const [door, again, light, none] = [mover("Door"), mover("door"), mover("Light"), mover("!")];
+    const found = moverProps([door, again, light, none], (prop) => prop === "light", "LearnedScene");
+    expect([...found]).toEqual([["door", door]]);
+    expect(said.mock.calls.flat()).toEqual([
+      "LearnedScene: 'door' has no short form, because 'door' is taken; set it through 'movers', or rename its node",
+      "LearnedScene: 'Light' has no short form, because 'light' is taken; set it through 'movers', or rename its node",
+      "LearnedScene: '!' has no short form, because '' is no name; set it through 'movers', or rename its node",
+    ]);
+    said.mockRestore();
+  });
+
+  it("win over values, and lie on ranges that run down too", () => {
+    const [down, up, rest] = [mover("Down", [40, -20]), mover("Up"), mover("Rest", [10, 20])];
+    setMovers([down, up, rest], (name) => ({ Down: 0, Up: 30 })[name], new Map([[down, 0.5]]));
+    expect([down.value, up.value, rest.value]).toEqual([10, 30, 10]);
+    setMovers([down, up, rest], () => undefined, new Map([[rest, 7]]));
+    expect([down.value, up.value, rest.value]).toEqual([40, 0, 20]);
   });
 });

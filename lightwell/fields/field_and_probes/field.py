@@ -25,8 +25,9 @@ from lightwell.fields.surface.training import SurfaceSamples
 from lightwell.files import write_atomically
 from lightwell.graph import Graph, evaluate
 from lightwell.graph.builder import Builder
-from lightwell.probes.code import PoseMix, WeightCode
+from lightwell.probes.code import PosedLampMix, PoseMix, WeightCode
 from lightwell.probes.file import encode_volume
+from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.samples import Query, SurfacePoints
 
 
@@ -39,6 +40,8 @@ class FieldAndProbesFit:
     probes: RoleProbes
     graph: Graph
     """Shading graph of the probes."""
+    variable: Variable | None = None
+    """The declared light of the role."""
     note: str = ""
 
     @property
@@ -100,7 +103,7 @@ class FieldAndProbesFit:
         told, error = self.probes.facts, self.probes.facts["error_in_the_air"]
         known = "" if error is None else f", error in the air {error:.1%}"
         self.note = f"{told['count']} probes {told['spacing']:.2g} m apart{known}; they follow {told['follows']}"
-        if isinstance(self.probes.mixing, PoseMix):
+        if isinstance(self.probes.mixing, PoseMix | PosedLampMix):
             return []
         lit = self._shown(shown)
         volume = self.probes.volume.lit(lit)
@@ -117,7 +120,9 @@ class FieldAndProbesFit:
         b = Builder(light=3)
         graph = b.build(code=probes.mixing.node(b))
         factors = evaluate(graph, {"light": np.asarray(shown.light, np.float32).reshape(1, 3)})["code"][0]
-        return (probes.basis @ factors) * np.broadcast_to(shown.intensity, 3)
+        # A day is learned for light divided by its level.
+        level = float(self.variable.level(shown.light)) if has_sky(self.variable) else 1.0
+        return (probes.basis @ factors) * np.broadcast_to(level * shown.intensity, 3)
 
 
 def _write(data: bytes, path: Path) -> None:
@@ -126,8 +131,6 @@ def _write(data: bytes, path: Path) -> None:
 
 class FieldAndProbes(FactoredField):
     """See ``lightwell.fields.protocol.Field``."""
-
-    learns_sky = False
 
     def prepare(self, job: Job) -> State:
         """Find what varies, and refuse what probes cannot follow.
@@ -177,7 +180,8 @@ class FieldAndProbes(FactoredField):
         """
         training = None if isinstance(samples, LampTraining) else samples.training
         probes = ProbeLight(state).fitted(role, samples.unit, training)
-        return FieldAndProbesFit(role, super().fit(state, role, samples, part), probes, probes.lower())
+        surface = super().fit(state, role, samples, part)
+        return FieldAndProbesFit(role, surface, probes, probes.lower(), state.variable)
 
 
 FIELD = FieldAndProbes("factored+probes", PRESETS, FactoredFit, FieldAndProbesOptions)

@@ -6,6 +6,7 @@ role      the probes follow                          one basis per
 indirect  a declared light that moves                leading singular vector of its states
 static    the dimmers of groups of lamps             group
 static    a node that moves                          pose that is traced
+static    both                                       group and pose, or singular vector of them
 static    nothing                                    –
 ========  =========================================  ==========================================
 """
@@ -20,11 +21,13 @@ import numpy as np
 
 from lightwell.fields.base import FieldSetup, around_samples
 from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
+from lightwell.fields.probes.baked import mixed, singular_mix
 from lightwell.fields.probes.fit import PRESETS, ProbesFit, ProbesPreset, Solved, fit_of, solved, weights_of
 from lightwell.fields.protocol import Role, State
+from lightwell.fields.surface.posed_lamp_samples import lamps_in
 from lightwell.graph import Graph
 from lightwell.probes.baselines import compare
-from lightwell.probes.code import LampMix, Mixing, PoseMix
+from lightwell.probes.code import LampMix, Mixing, PosedLampMix, PoseMix
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.lower import lower
 from lightwell.probes.states import OwnStates
@@ -37,8 +40,8 @@ from lightwell.transport.samples import Samples
 QUALITY_PRESETS = {"draft": "draft", "good": "default", "best": "fine"}
 # Poses that are traced, by quality; both end stops are among them.
 POSES = {"draft": 3, "good": 5, "best": 9}
-# Groups of lamps that probes can tell apart: a pixel holds 27 numbers of each.
-MOST_GROUPS = 16
+# Groups of lamps that probes can tell apart, and bases of lamps in several poses: a pixel holds 27 numbers of each.
+MOST_GROUPS, MOST_BASES = 16, 16
 # Samples that the network of a moving light learns from, and its steps by quality.
 CODE_SAMPLES, CODE_STEPS = 1 << 15, {"draft": 150, "good": 600, "best": 2000}
 
@@ -75,7 +78,8 @@ class RoleProbes:
         """What the light of the probes follows, in words."""
         if self.mixing is None:
             return "nothing: the light of the scene as it is"
-        names = {LampMix: "the switches of the lamps", PoseMix: "the node that moves"}
+        lamps, node = "the switches of the lamps", "the node that moves"
+        names = {LampMix: lamps, PoseMix: node, PosedLampMix: f"{lamps} and {node}"}
         return names.get(type(self.mixing), "the light that moves")
 
     @property
@@ -99,7 +103,7 @@ def check_probes(state: State) -> None:
         state: The prepared scene.
 
     Raises:
-        ValueError: Several things vary, lamps are switched where something moves, or there are too many groups of them.
+        ValueError: Several things vary, or there are too many groups of lamps.
     """
     names = [mover.name for mover in state.scene.movers]
     if "indirect" in state.roles and state.variable is not None:
@@ -108,11 +112,6 @@ def check_probes(state: State) -> None:
         raise ValueError(
             f"bake: probes follow one light, node or clip, not {len(names)} ({', '.join(names)}); drop others from "
             "--vary, or use --field factored"
-        )
-    if names and state.scene.movers and state.lamps:
-        raise ValueError(
-            f"bake: probes follow the switches of lamps or '{names[0]}', not both; leave out --lamps, drop "
-            f"'{names[0]}' from --vary, or use --field factored"
         )
     if len(state.lamps) > MOST_GROUPS:
         raise ValueError(
@@ -203,7 +202,7 @@ class ProbeLight:
     def _own_count(self) -> int:
         """States of the scene's own light."""
         state = self._state
-        return POSES[state.job.request.quality] if state.scene.movers else max(len(state.lamps), 1)
+        return (len(self._poses) if state.scene.movers else 1) * max(len(state.lamps), 1)
 
     # ------------------------------------------------------------------ a light that moves
 
@@ -231,16 +230,18 @@ class ProbeLight:
     def _states(self) -> OwnStates | None:
         """States of the scene's own light; None: as it is."""
         state = self._state
-        if state.scene.movers:
-            scenes = tuple(posed(state.scene, (at,)) for at in self._poses)
-            return OwnStates(scenes, ((),) * len(scenes))
-        if state.lamps:
-            return OwnStates((state.scene,) * len(state.lamps), tuple(group.emitters for group in state.lamps))
-        return None
+        if not (state.scene.movers or state.lamps):
+            return None
+        scenes, shining = [], []
+        for at in (posed(state.scene, (at,)) for at in self._poses) if state.scene.movers else (state.scene,):
+            groups = lamps_in(at, state.job.request.lamps, state.lamps) if state.lamps else ()
+            shining += [group.emitters for group in groups] or [()]
+            scenes += [at] * max(len(groups), 1)
+        return OwnStates(tuple(scenes), tuple(shining))
 
     @property
     def _poses(self) -> tuple[float, ...]:
-        return tuple(np.linspace(0, 1, self._own_count).tolist())
+        return tuple(np.linspace(0, 1, POSES[self._state.job.request.quality]).tolist())
 
     @property
     def _own(self) -> SolvedVolume:
@@ -262,12 +263,36 @@ class ProbeLight:
         light, start = lit.solution.light, lit.start
         bases = np.moveaxis(light, 0, -1) if light.ndim == 4 else light[..., None]
         mixing: Mixing | None = None
-        if state.scene.movers:
-            # The score is that of the file's first pose.
-            mixing, scene, light, start = PoseMix(self._poses), posed(state.scene, (0.0,)), light[0], start[0]
-        else:
-            scene = state.scene
-            if state.lamps:
-                mixing, light, start = LampMix(len(state.lamps)), light.sum(axis=0), start.sum(axis=0)
+        # The score is that of the file's first pose, with all lamps.
+        scene = posed(state.scene, (0.0,)) if state.scene.movers else state.scene
+        first = max(len(state.lamps), 1)
+        if state.scene.movers and state.lamps:
+            bases, mix = reduced(light, np.flatnonzero(lit.geometry.volume.alive), MOST_BASES)
+            mixing = PosedLampMix(self._poses, mix.reshape(len(self._poses), first, -1))
+        elif state.scene.movers:
+            mixing = PoseMix(self._poses)
+        elif state.lamps:
+            mixing = LampMix(len(state.lamps))
+        if mixing is not None:
+            light, start = light[:first].sum(axis=0), start[:first].sum(axis=0)
         score = compare(scene, lit.geometry, light, start, state.job.request.seed)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score)
+
+
+def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Express the light of states by at most so many bases; exactly where there are no more states.
+
+    Args:
+        states: [S, P, 9, 3] light of the states.
+        live: [L] indices of the probes that count.
+        most: Most bases K.
+
+    Returns:
+        [P, 9, 3, K] bases, and [S, K] factors with which they give the states.
+    """
+    if len(states) <= most:
+        return np.moveaxis(states, 0, -1), np.eye(len(states))
+    bases = mixed(states, singular_mix(states, live, most))
+    rows = bases[live].reshape(-1, bases.shape[-1]).astype(np.float64)
+    wanted = states[:, live].reshape(len(states), -1).astype(np.float64)
+    return bases, np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T

@@ -193,8 +193,9 @@ class LightmapField:
         with state.job.work.timed("train"), state.job.progress.stage(f"train {role}", 1, "") as stage:
             if role == "indirect":
                 count = max(_steps(state), 1 if state.job.request.steps else LEAST_STEPS)
+                unit = sample_unit(samples, state.variable)
                 made = moving_fit(
-                    state.scene, state.atlas, state.variable, samples, sample_unit(samples), seed, count, state.part,
+                    state.scene, state.atlas, state.variable, samples, unit, seed, count, state.part,
                     state.preset.codec,
                 )  # fmt: skip
                 stage.advance()

@@ -21,6 +21,7 @@ from lightwell.graph.pictures import Fallback, Picture, encode
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.normal_maps import relief
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import Variable
 from lightwell.transport.lightmap_query import LightmapQuery
 from lightwell.transport.samples import Samples
 
@@ -172,17 +173,18 @@ def base_picture(made: AtlasIrradiance, unit: float, preset: LightmapPreset) -> 
     return encode(stored(image / unit), preset.base, mips)
 
 
-def sample_unit(samples: ViewSamples) -> float:
+def sample_unit(samples: ViewSamples, variable: Variable | None = None) -> float:
     """Compute the radiance unit S, 4 × the mean radiance.
 
     Args:
         samples: N samples.
+        variable: The declared light that they are of, for the message; None: the scene's own.
 
     Returns:
         S.
     """
     shape = np.zeros(len(samples.weight), np.uint32)
-    return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape))
+    return radiance_unit(Samples(samples.query, samples.half_a, samples.half_b, samples.weight, shape), variable)
 
 
 def direction_picture(made: AtlasIrradiance, reduction: int, codec: str = "webp") -> Picture:

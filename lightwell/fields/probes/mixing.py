@@ -97,7 +97,10 @@ class MixedFit(NetworkFit):
 
     def _start(self, rank: int) -> None:
         """Make the untrained network of K factors."""
-        self._code = WeightCode(tuple(self.setup.center), float(self.setup.half_extent), [])
+        # Directions to a sun lie in the unit cube, positions of a lamp in the box of the scene.
+        sun = self.setup.light == "sun"
+        box = ((0.0, 0.0, 0.0), 1.0) if sun else (tuple(self.setup.center), float(self.setup.half_extent))
+        self._code = WeightCode(*box, [])
         self._static = self.setup.light == "static"
         sizes = (self._code.width, *self.preset.hidden, rank)
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)

@@ -95,8 +95,11 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
     validation = _validation(state, role, start)
+    light = None if role == "static" else state.variable
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained)
-    return SurfaceSamples(traced.samples, validation, radiance_unit(traced.samples), plan, start.end, spent, make)
+    return SurfaceSamples(
+        traced.samples, validation, radiance_unit(traced.samples, light), plan, start.end, spent, make
+    )
 
 
 def _validation(state: State, role: Role, start: StartPlan) -> Samples:

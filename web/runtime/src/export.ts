@@ -19,6 +19,8 @@ export interface ExportOptions {
   readonly weights?: "inline" | "table";
   /** Corners of the space that a position roams, for a Shadertoy, which shows a slice of it. */
   readonly bounds?: { readonly low: readonly number[]; readonly high: readonly number[] };
+  /** What moves, in the order of the numbers of `pose`, such as `Door, 0 to 90 degrees`: the header says it. */
+  readonly movers?: readonly string[];
 }
 
 /** Numbers that the text cannot hold and that the host must bind. */
@@ -44,9 +46,9 @@ const MEANINGS: Readonly<Record<string, string>> = {
   normal: "unit vertex normal, world space, on the side of the eye, without normal map",
   view: "unit direction from the point to the eye",
   lamps: "what each of the scene's own lamps is multiplied by: red of all lamps, then green, then blue",
-  pose: "slider of each node that moves, 0 to 1",
-  rest_position: "position where the surface is at rest, metres",
-  rest_normal: "normal of the surface at rest",
+  pose: "of each thing that moves 0 at the first value of its range, 1 at the last",
+  rest_position: "where the surface point is when all that moves is at rest; position itself for what stands still",
+  rest_normal: "normal there; normal itself for what stands still",
   light: "position of the declared point light in metres, or unit direction to the declared sun",
   reflectance: "base colour + 0.04 (1 - metallic), at least 0.001, linear",
   roughness: "glTF roughness",
@@ -80,8 +82,8 @@ function unframed(graph: Graph): Graph {
   return { ...graph, nodes, macs: graph.macs + graph.macsPerFrame, macsPerFrame: 0 };
 }
 
-function exportGlsl(graph: Graph, name: string, { title, weights = "inline" }: ExportOptions): ExportedShader {
-  const program = printGlsl(graph, { name, weights: weights === "inline" ? "inline" : "texture" });
+function exportGlsl(graph: Graph, name: string, options: ExportOptions): ExportedShader {
+  const program = printGlsl(graph, { name, weights: options.weights === "table" ? "texture" : "inline" });
   const tables = program.textures.map(({ name: uniform, ...rest }) => ({ ...rest, name: uniform }));
   const bindings = [
     ...tables.map((t) => `${t.name}: ${t.width} x ${t.height} texels, ${t.format.toUpperCase()}, nearest, no mipmaps`),
@@ -89,7 +91,7 @@ function exportGlsl(graph: Graph, name: string, { title, weights = "inline" }: E
   ];
   const type = (width: number) => (width > 4 ? `vec4[${Math.ceil(width / 4)}]` : width === 1 ? "float" : `vec${width}`);
   const call = `vec3 ${name}(${program.parameters.map((p) => `${type(p.width)} ${p.name}`).join(", ")})`;
-  const head = header("GLSL ES 3.00 with precision highp float and int", graph, call, bindings, title);
+  const head = header("GLSL ES 3.00 with precision highp float and int", graph, call, bindings, options);
   return { text: `${head}\n${program.code}\n`, tables, pictures: program.pictures };
 }
 
@@ -100,20 +102,19 @@ const DIALECT_NOTES: Readonly<Record<DialectName, string>> = {
   gdshader: "Godot 4 shading language, to be included in a shader and called in fragment(); never compiled by Godot",
 };
 
-function exportDialect(graph: Graph, to: DialectName, name: string, { title, weights = "inline" }: ExportOptions): ExportedShader {
-  const program = printDialect(graph, DIALECTS[to], { name, weights: weights === "inline" ? "inline" : "texture" });
+function exportDialect(graph: Graph, to: DialectName, name: string, options: ExportOptions): ExportedShader {
+  const program = printDialect(graph, DIALECTS[to], { name, weights: options.weights === "table" ? "texture" : "inline" });
   const bindings = [
     ...program.textures.map((t) => `${t.name}: ${t.width} x ${t.height} texels, ${t.format.toUpperCase()}, nearest, no mipmaps`),
     ...[...program.pictures].map(([uniform, buffer]) => pictureNote(uniform, buffer)),
   ];
   const named = program.parameters.reduce((text, p, i) => text.replace(new RegExp(`\\bi${i}\\b`), p.name), program.signature);
-  const head = header(DIALECT_NOTES[to], graph, named, bindings, title);
+  const head = header(DIALECT_NOTES[to], graph, named, bindings, options);
   return { text: `${head}\n${program.code}\n`, tables: program.textures, pictures: program.pictures };
 }
 
-function exportWgsl(graph: Graph, name: string, { title, weights = "inline" }: ExportOptions): ExportedShader {
-  const options = { name, weights: weights === "inline" ? "inline" : "storage", fragment: true } as const;
-  const program = printWgsl(graph, options);
+function exportWgsl(graph: Graph, name: string, options: ExportOptions): ExportedShader {
+  const program = printWgsl(graph, { name, weights: options.weights === "table" ? "storage" : "inline", fragment: true });
   const table = program.weights;
   const tables = table
     ? [{ name: table.name, format: "storage" as const, width: table.size[0], height: 1, data: table.data }]
@@ -127,7 +128,7 @@ function exportWgsl(graph: Graph, name: string, { title, weights = "inline" }: E
   const pictures = new Map(program.pictures.map((p) => [p.name, p.buffer]));
   const needsFragment = program.pictures.some(({ buffer }) => buffer.picture!.mips > 0);
   const where = `WGSL${needsFragment ? ", in uniform control flow of a fragment shader" : ""}; bindings in group 0`;
-  return { text: `${header(where, graph, call, bindings, title)}\n${program.code}\n`, tables, pictures };
+  return { text: `${header(where, graph, call, bindings, options)}\n${program.code}\n`, tables, pictures };
 }
 
 function pictureNote(uniform: string, { shape, picture }: StoredBuffer): string {
@@ -136,11 +137,12 @@ function pictureNote(uniform: string, { shape, picture }: StoredBuffer): string 
 }
 
 /** The comment in front: what to call with what, and what comes back. */
-function header(where: string, graph: Graph, call: string, bindings: readonly string[], title = ""): string {
-  const inputs = [...graph.inputs].map(([input]) => `//   ${input}: ${MEANINGS[input] ?? "see format/FORMAT.md"}`);
+function header(where: string, graph: Graph, call: string, bindings: readonly string[], { title = "", movers = [] }: ExportOptions): string {
+  const of = (input: string) => (input === "pose" ? movers.map((mover) => ` (${plain(mover)})`).join("") : "");
+  const inputs = [...graph.inputs].map(([input]) => `//   ${input}: ${MEANINGS[input] ?? "see format/FORMAT.md"}${of(input)}`);
   const bound = bindings.length ? ["//", "// Bind:", ...bindings.map((text) => `//   ${text}`)] : [];
   return [
-    `// Learned light${title ? ` '${title.replace(/[^\x20-\x7e]|\\/g, "?").slice(0, 120)}'` : ""}, exported by lightwell.`,
+    `// Learned light${title ? ` '${plain(title)}'` : ""}, exported by lightwell.`,
     `// ${where}. ${graph.macs} multiply-adds.`,
     "//",
     `// ${call}`,
@@ -149,4 +151,9 @@ function header(where: string, graph: Graph, call: string, bindings: readonly st
     "// colour and intensity of the declared light when the field follows one.",
     ...bound,
   ].join("\n");
+}
+
+/** A text of a file for one line of a comment. */
+function plain(text: string): string {
+  return text.replace(/[^\x20-\x7e]|\\/g, "?").slice(0, 120);
 }

@@ -1,12 +1,13 @@
 /** Wraps a printed field into a Shadertoy: a flat card (or a slice through space) that the mouse lights and tilts. */
 
+import { fail } from "./checks.ts";
 import type { Graph } from "./graph/index.ts";
 import { literal } from "./graph/language.ts";
 
 /** Shadertoy refuses longer texts. */
 const MAX_CHARACTERS = 65_536;
 
-/** GLSL of every input of a field on the card; `card` is 0 … 1 from the top left, `mouse` 0 … 1 too. */
+/** GLSL of the inputs of a field on the card; `card` is 0 … 1 from the top left, `mouse` 0 … 1 too. What moves is at rest. */
 const INPUTS: Readonly<Record<string, string>> = {
   position: "position",
   normal: "vec3(0.0, 0.0, 1.0)",
@@ -18,7 +19,14 @@ const INPUTS: Readonly<Record<string, string>> = {
   shading_normal: "vec3(0.0, 0.0, 1.0)",
   uv: "card",
   uv1: "card",
+  rest_position: "position",
+  rest_normal: "vec3(0.0, 0.0, 1.0)",
 };
+
+function inputOf([name, width]: [string, number]): string {
+  if (name === "pose" && width <= 4) return width === 1 ? "POSE" : `vec${width}(POSE)`;
+  return INPUTS[name] ?? fail("shadertoy", `a field without the input '${name}'; export glsl instead`);
+}
 
 /** The whole text for the tab "Image". */
 export function shadertoy(
@@ -28,7 +36,7 @@ export function shadertoy(
   bounds: { readonly low: readonly number[]; readonly high: readonly number[] } = { low: [-1, -1, -1], high: [1, 1, 1] },
 ): string {
   const vec3 = (numbers: readonly number[]) => `vec3(${numbers.map(literal).join(", ")})`;
-  const call = [...graph.inputs.keys()].map((input) => INPUTS[input]!).join(", ");
+  const call = [...graph.inputs].map(inputOf).join(", ");
   const text = `${field}
 // What stands around the field. Drag the mouse to move the light.
 const vec3 LOW = ${vec3(bounds.low)};
@@ -36,7 +44,7 @@ const vec3 HIGH = ${vec3(bounds.high)};
 const float DEPTH = 0.5;       // where the slice lies between LOW.z and HIGH.z
 const float REFLECTANCE = 0.8;
 const float ROUGHNESS = 0.5;
-const float EXPOSURE = 1.0;
+const float EXPOSURE = 1.0;${graph.inputs.has("pose") ? "\nconst float POSE = 0.0;          // of what moves: 0 at the first value of its range, 1 at the last" : ""}
 
 void mainImage(out vec4 color, in vec2 pixel) {
   vec2 card = pixel / iResolution.xy;

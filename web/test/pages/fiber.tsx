@@ -2,7 +2,7 @@
 
 import { Canvas } from "@react-three/fiber";
 import type { LearnedScene as Learned } from "lightwell";
-import { LearnedScene } from "lightwell/react";
+import { LearnedScene, type LearnedSceneProps } from "lightwell/react";
 import { Component, type ReactNode, StrictMode, Suspense } from "react";
 import { createRoot } from "react-dom/client";
 
@@ -25,7 +25,7 @@ function Waiting() {
 }
 
 const root = createRoot(document.getElementById("root")!);
-const show = (src: string | null, at: [number, number, number] = [0, 0, 0]) =>
+const show = (src: string | null, at: [number, number, number] = [0, 0, 0], more: Partial<LearnedSceneProps> = {}) =>
   root.render(
     <StrictMode>
       <Canvas
@@ -40,7 +40,7 @@ const show = (src: string | null, at: [number, number, number] = [0, 0, 0]) =>
       >
         <Boundary>
           <Suspense fallback={<Waiting />}>
-            {src && <LearnedScene src={src} position={at} light={[0.3, 1.2, 0.2]} ref={(scene) => void (found.scene = scene)} />}
+            {src && <LearnedScene src={src} position={at} light={[0.3, 1.2, 0.2]} ref={(scene) => void (found.scene = scene)} {...more} />}
           </Suspense>
         </Boundary>
       </Canvas>

@@ -20,6 +20,12 @@ export function positive(text: string | null): number | null {
   return value > 0 && Number.isFinite(value) ? value : null;
 }
 
+/** A number from 0 to 1, others brought into it; null for anything else. */
+export function share(text: string | null): number | null {
+  const value = text?.trim() ? Number(text) : Number.NaN;
+  return Number.isNaN(value) ? null : Math.min(Math.max(value, 0), 1);
+}
+
 /** `x y z / x y z` as vectors; null when it is anything else. */
 export function vectors(text: string | null): Vector3[] | null {
   const found = (text ?? "").split("/").map((part) => part.trim().split(/[\s,]+/).map(Number));

@@ -6,9 +6,11 @@ import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import { SkyBackground } from "../sky-background.ts";
+import { moverProps, setMovers } from "../mover-props.ts";
 import { readMoverValues } from "../mover-values.ts";
+import type { Mover } from "../movers.ts";
 import { readLampSettings } from "../switches.ts";
-import { positive, toneMappingOf, vectors } from "./attributes.ts";
+import { positive, share, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
 import { placeCamera } from "./view-camera.ts";
 
@@ -27,6 +29,9 @@ progress::-webkit-progress-value { background: #ffb454; }
 progress::-moz-progress-bar { background: #ffb454; }
 [hidden] { display: none; }`;
 
+/** Attributes that are no properties of the element. */
+const TAKEN = ["src", "poster", "alt", "controls", "exposure", "camera", "light", "loading", "day", "lamps", "movers", "class", "part", "style", "is"];
+
 /** Servers that import this module have no elements. */
 const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
 
@@ -37,6 +42,8 @@ interface Shown {
   readonly scene: Scene;
   /** The sky behind it; null where the file has none. */
   readonly sky: SkyBackground | null;
+  /** What moves, by attributes. */
+  readonly movers: ReadonlyMap<string, Mover>;
 }
 
 /**
@@ -45,7 +52,8 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip);
+ * `door` (the same by its name in lower case: 0 to 1 of its range; wins over `movers`). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
@@ -63,6 +71,8 @@ export class LightwellViewer extends ElementBase implements Client {
   private loads = 0;
   private readonly resized = new ResizeObserver(() => this.resize());
   private nearing: IntersectionObserver | null = null;
+  /** Attributes with the names of what moves, which only the file knows. */
+  private readonly short = new MutationObserver(() => this.apply("movers"));
 
   constructor() {
     super();
@@ -146,8 +156,10 @@ export class LightwellViewer extends ElementBase implements Client {
       scene.add(learned.root);
       const sky = learned.hasSky ? new SkyBackground(learned.environment) : null;
       scene.background = sky?.texture ?? null;
-      this.shown = { gltf, learned, scene, sky };
-      for (const name of ["camera", "light", "day", "movers"]) this.apply(name);
+      const movers = moverProps(learned.movers, (name) => TAKEN.includes(name) || name in this, "lightwell-viewer");
+      if (movers.size > 0) this.short.observe(this, { attributeFilter: [...movers.keys()] });
+      this.shown = { gltf, learned, scene, sky, movers };
+      for (const name of ["camera", "light", "day", "lamps", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
@@ -199,7 +211,9 @@ export class LightwellViewer extends ElementBase implements Client {
       }
     } else if (name === "movers") {
       const values = readMoverValues(value);
-      for (const mover of this.shown?.learned.movers ?? []) mover.value = values.get(mover.name) ?? mover.record.initial;
+      const given = [...(this.shown?.movers ?? [])].map(([prop, mover]) => [mover, share(this.getAttribute(prop))] as const);
+      const shares = new Map(given.filter((pair): pair is [Mover, number] => pair[1] !== null));
+      setMovers(this.shown?.learned.movers ?? [], (mover) => values.get(mover), shares);
     } else if (name === "camera" && this.shown) this.look(value, this.shown);
     this.invalidate();
   }
@@ -253,6 +267,7 @@ export class LightwellViewer extends ElementBase implements Client {
   }
 
   private clear(): void {
+    this.short.disconnect();
     this.shown?.learned.dispose();
     this.shown?.learned.root.removeFromParent();
     this.shown?.sky?.dispose();

@@ -6,6 +6,7 @@ import { Vector3, type WebGLRenderer } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { LearnedScene as Learned, type LearnedSceneOptions } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
+import { moverProps, setMovers } from "../mover-props.ts";
 import type { Parts } from "../scene-core.ts";
 import type { LampSetting } from "../switches.ts";
 
@@ -56,7 +57,12 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
   readonly parts?: Parts;
   /** The scene, for lamps, looks and all else. */
   readonly ref?: Ref<Learned>;
+  /** `door={0.5}`: the short form of what moves, 0 to 1 of its range, by its name in lower case. It wins over `movers`. */
+  readonly [mover: Lowercase<string>]: unknown;
 }
+
+/** Properties that are not of three.js' groups. */
+const OWN = ["src", "light", "day", "lamps", "movers", "parts", "weights", "environment", "ref", "key", "children", "attach", "args", "dispose"];
 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
 export function LearnedScene({ src, light, day, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
@@ -75,15 +81,18 @@ export function LearnedScene({ src, light, day, lamps, movers, parts, weights, e
     for (const lamp of scene.switches) lamp.reset();
     for (const [name, setting] of Object.entries(JSON.parse(settings) as Record<string, LampSetting>)) scene.setLamp(name, setting);
   }, [scene, settings]);
-  const poses = JSON.stringify(movers ?? {});
+  const props = useMemo(() => moverProps(scene.movers, (prop) => OWN.includes(prop) || prop in scene.root, "LearnedScene"), [scene]);
+  const others = Object.fromEntries(Object.entries(group).filter(([prop]) => !props.has(prop)));
+  const poses = JSON.stringify([movers ?? {}, Object.fromEntries([...props.keys()].map((prop) => [prop, group[prop as Lowercase<string>]]))]);
   useEffect(() => {
-    const values = JSON.parse(poses) as Record<string, number>;
-    for (const mover of scene.movers) mover.value = values[mover.name] ?? mover.record.initial;
-  }, [scene, poses]);
+    const [values, shares] = JSON.parse(poses) as [Record<string, number>, Record<string, unknown>];
+    const given = [...props].flatMap(([prop, mover]) => (typeof shares[prop] === "number" ? [[mover, shares[prop]] as const] : []));
+    setMovers(scene.movers, (name) => values[name], new Map(given));
+  }, [scene, props, poses]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
   // None of these is a property of three.js' objects: a canvas with `frameloop="demand"` would not draw the change.
   useEffect(() => invalidate(), [invalidate, scene, x, y, z, day, settings, poses, parts]);
-  return createElement("group", group, createElement("primitive", { object: scene.root }));
+  return createElement("group", others, createElement("primitive", { object: scene.root }));
 }
 
 const ALL: Parts = { raster: true, indirect: true, still: true };
