@@ -16,7 +16,7 @@ from lightwell.report.records import PointComparison, ViewComparison, ViewPictur
 from lightwell.scenes.movers import Mover
 from lightwell.scenes.placing import held_out_lights, initial_light, reached_part, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable, declare, has_sky
+from lightwell.scenes.variables import Turning, Variable, declare, has_sky
 from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
 
@@ -266,6 +266,8 @@ def view_caption(variable: Variable | None, light: np.ndarray, pose: str = "") -
         return "the scene's own light"
     if has_sky(variable) and (hour := variable.hour(light)) is not None:
         return f"at {clock(hour)}"
+    if isinstance(variable, Turning):
+        return f"environment turned by {float(variable.angle(light)):.0f}°"
     where = ", ".join(f"{c:.2f}" for c in light)
     return f"{'light at' if variable.kind == 'point' else 'sun towards'} ({where})"
 
@@ -282,6 +284,13 @@ def object_names(scene: Scene) -> list[str]:
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
+def _axis_value(variable: Variable | None, light: np.ndarray) -> float | None:
+    """Hour of a day, degrees of an environment map; None where the place on the chain says as much."""
+    if isinstance(variable, Turning):
+        return float(variable.angle(light))
+    return variable.hour(light) if has_sky(variable) else None
+
+
 def light_sweep(
     reference: SweepReference, shipped: Shipped, variable: Variable | None = None, mover: Mover | None = None
 ) -> list[tuple[float, float, float]]:
@@ -290,11 +299,12 @@ def light_sweep(
     Args:
         reference: Traced radiance along the chain.
         shipped: The field.
-        variable: Ranges of the light; those of a day give the places in hours.
+        variable: Ranges of the light; those of a day give the places in hours, those of an environment map in
+            degrees.
         mover: The first mover, along whose range the points were traced; None: along the path of the light.
 
     Returns:
-        (position on the chain in [0, 1] or hour of the day, relative error, noise floor) for each light, in this order.
+        (position on the chain in [0, 1], hour or degrees, relative error, noise floor) for each light, in this order.
     """
     r, unit = reference, shipped.fit.unit
     f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
@@ -303,7 +313,7 @@ def light_sweep(
     floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
     last = max(int(r.place.max()), 1)
     lights = [r.place == k for k in np.unique(r.place)]
-    hours = [variable.hour(r.light[at][0]) if has_sky(variable) else None for at in lights]
+    hours = [_axis_value(variable, r.light[at][0]) for at in lights]
     places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
     if mover is not None and r.points.pose is not None:
         places = [mover.value(float(r.points.pose[at][0, 0])) for at in lights]

@@ -29,6 +29,7 @@ from lightwell.baking.reference import Reference, ViewSetup, choose_stage, trace
 from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.cluster.attach import attached
+from lightwell.core.environment_text import ROTATED
 from lightwell.core.lamps import parse_lamps
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
@@ -46,7 +47,8 @@ from lightwell.scenes import load
 from lightwell.scenes.lamp_clips import lamp_clips
 from lightwell.scenes.posing import declared_movers
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import by_light, has_sky, to_json
+from lightwell.scenes.turning import with_turning
+from lightwell.scenes.variables import by_light, has_sky, surrounds, to_json
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings
@@ -123,7 +125,7 @@ def _baked(settings: BakeSettings, name: str, field: Field, job: Job, preview: P
 
 
 def refuse_sky(name: str, field: Field, state: State) -> None:
-    """Refuse a day for fields that take all direct light for the rasteriser's.
+    """Refuse light from all around for fields that take all direct light for the rasteriser's.
 
     Args:
         name: What ``--field`` calls the field.
@@ -131,10 +133,12 @@ def refuse_sky(name: str, field: Field, state: State) -> None:
         state: The prepared scene.
 
     Raises:
-        ValueError: The variable has a sky, which the field does not learn.
+        ValueError: The variable has a sky, or is an environment map, which the field does not learn.
     """
-    if has_sky(state.variable) and not getattr(field, "learns_sky", False):
-        raise ValueError(f"bake: field '{name}' learns no sky; use --field factored, or drop the day from --vary")
+    if not surrounds(state.variable) or getattr(field, "learns_sky", False):
+        return
+    what, dropped = ("sky", "the day") if has_sky(state.variable) else ("environment that turns", ROTATED)
+    raise ValueError(f"bake: field '{name}' learns no {what}; use --field factored, or drop {dropped} from --vary")
 
 
 def refuse_mover(name: str, field: Field, state: State) -> None:
@@ -164,9 +168,11 @@ def loaded(settings: BakeSettings | CompareSettings) -> Scene:
         The scene.
 
     Raises:
-        ValueError: The scene has no triangles.
+        ValueError: The scene has no triangles, or no environment map that could turn as is declared.
     """
-    scene = load(settings.scene, **settings.loading)
+    scene = with_turning(load(settings.scene, **settings.loading), settings.vary)
+    if scene.surrounding is not None and settings.cluster:
+        raise ValueError(f"bake: --cluster traces what stands still; leave it out, or drop {ROTATED} from --vary")
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
         raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
     return scene
@@ -296,7 +302,7 @@ def write_asset(
     ]
     probes = [FieldEntry(s.role, s.role, s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
-    shines = any(s.role == "static" for s in shipped)
+    shines = state.scene.surrounding is not None or any(s.role == "static" for s in shipped)
     return write_glb(
         out / "scene.glb",
         state.shipped,

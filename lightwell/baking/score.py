@@ -28,11 +28,11 @@ from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, has_sky
+from lightwell.scenes.variables import Turning, Variable, has_sky
 from lightwell.transport import SurfacePoints
 
 # What the chart of the error along the path of the light shows to the right.
-SWEEP, HOURS = "position along the sweep", "hour of the day"
+SWEEP, HOURS, DEGREES = "position along the sweep", "hour of the day", "turn of the environment, degrees"
 
 
 def reference_budget(settings: Reported, job: Job, fit: Fit, roles: int = 1) -> ReferenceBudget:
@@ -128,6 +128,7 @@ def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]
     """Errors along the path of the light, and what the chart shows to the right."""
     variable, mover = state.variable, next(iter(state.scene.movers), None)
     axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
+    axis = DEGREES if isinstance(variable, Turning) else axis
     return {
         "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
         "sweep_axis": axis if mover is None else f"{mover.name}, {mover.unit}",

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightwell.core.environment_text import ENVIRONMENT, ROTATION, turn_range
 from lightwell.core.mover_texts import is_mover, parse_mover
 from lightwell.core.suggest import did_you_mean
 from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
@@ -29,11 +30,12 @@ class Declaration:
     """Name of the light, such as 'light' or 'sun'."""
     parameter: str
     """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'; of a node
-    'rotation' or 'translation'; of a clip 'animation'."""
+    'rotation' or 'translation'; of a clip 'animation'; of the environment map 'rotation'."""
     values: tuple[float, ...] = ()
     """box: 6 numbers, arc: 4, direction by day(...): 9 (three directions), day: 12 (three directions and three hours),
     radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting); rotation: an
-    axis and two angles, degrees; translation: two offsets, metres; animation: two shares of the clip."""
+    axis and two angles, degrees; translation: two offsets, metres; animation: two shares of the clip; rotation
+    of the environment: two angles, degrees."""
 
     text: str = ""
     """What declares a node or clip, without its range: 'node:Door.rotation', 'animation:Open'; empty for lights."""
@@ -42,6 +44,11 @@ class Declaration:
     def moves(self) -> bool:
         """Whether it declares a node or clip that moves, instead of a light."""
         return bool(self.text)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it declares an environment map that turns."""
+        return self.parameter == ROTATION and not self.moves
 
     @property
     def learned(self) -> bool:
@@ -94,7 +101,7 @@ def parse_vary(text: str) -> Declaration:
             ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
             ``day=YYYY-MM-DD,latitude,longitude``, ``day.north=30``, ``day.turbidity=3``, ``light.intensity`` or
             ``light.color``; ``node:NAME.rotation=y:0..110`` or ``node:NAME.translation=(0,0,0)..(0,0,1.2)``;
-            ``animation:NAME=0..1``.
+            ``animation:NAME=0..1``; ``environment.rotation=0..360``.
 
     Returns:
         The declaration.
@@ -105,6 +112,8 @@ def parse_vary(text: str) -> Declaration:
     if is_mover(text):
         node = parse_mover(text)
         return Declaration(node.name, node.path, node.values, node.what)
+    if turn := turn_range(text):
+        return Declaration(ENVIRONMENT, ROTATION, turn)
     if whole := _DAY.fullmatch(text.strip()):
         try:
             return Declaration("day", "day", sun_hours(whole.group(1)))

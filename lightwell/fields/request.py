@@ -36,7 +36,8 @@ class Request:
         (),
         "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, day=2026-06-21,48.1,11.6 (sun and "
         "sky), sun.direction=arc(az0,el0,az1,el1) in degrees, light.clearance=c, node:Door.rotation=y:0..90 (a node of "
-        "the file, degrees), node:NAME.translation=(x,y,z)..(x,y,z) (metres); light.intensity and light.color set "
+        "the file, degrees), node:NAME.translation=(x,y,z)..(x,y,z) (metres), environment.rotation=0..360 (its map, "
+        "degrees); light.intensity and light.color set "
         "what may always change (default: what the scene suggests, else a point light anywhere in its air)",
         metavar="WHAT=RANGE",
         repeat=True,

@@ -45,11 +45,11 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
+ * `light` (place of the first lamp); `day` (time of day, `18:30`); `environment-rotation` (degrees); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
-  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "lamps", "movers"];
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "environment-rotation", "lamps", "movers"];
   private readonly canvas = document.createElement("canvas");
   private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
@@ -147,7 +147,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const sky = learned.hasSky ? new SkyBackground(learned.environment) : null;
       scene.background = sky?.texture ?? null;
       this.shown = { gltf, learned, scene, sky };
-      for (const name of ["camera", "light", "day", "movers"]) this.apply(name);
+      for (const name of ["camera", "light", "day", "environment-rotation", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
@@ -191,6 +191,8 @@ export class LightwellViewer extends ElementBase implements Client {
       if (place) this.shown?.learned.lamps[0]?.move(place);
     } else if (name === "day") {
       if (value !== null) this.shown?.learned.setDay(value);
+    } else if (name === "environment-rotation") {
+      if (value !== null && value.trim() !== "") this.shown?.learned.setEnvironmentRotation(Number(value));
     } else if (name === "lamps") {
       const settings = readLampSettings(value);
       for (const lamp of this.shown?.learned.switches ?? []) {
