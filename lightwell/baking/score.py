@@ -117,7 +117,9 @@ def score(
         training=first.fit.training.curve,
         **_sweep(state, reference, first),
         warnings=[*warnings(state), *notes.texts],
-        facts=facts_of(ordered) | _pose_facts(state, reference, ordered[0], points, budget, notes),
+        facts=facts_of(ordered)
+        | _pose_facts(state, reference, ordered[0], points, budget, notes)
+        | _day_facts(state, reference, first, points),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
@@ -157,6 +159,17 @@ def _pose_facts(
         leak = partial(leak_facts, scene, k, first, light, halves, budget)
         of_mover["end_stops"] = notes.attempt(f"the leak at the end stops of {of_mover['name']}", leak, [])
     return {"movers": facts}
+
+
+def _day_facts(
+    state: State, reference: Reference, first: Shipped, points: Mapping[str, PointComparison]
+) -> dict[str, Any]:  # fmt: skip
+    """Errors of a day's twilight, low sun and high sun."""
+    variable, found = state.variable, points.get(first.role)
+    if not has_sky(variable) or first.role != "indirect" or found is None:
+        return {}
+    lights = reference.points[first.role].light
+    return {"times_of_day": evaluate.times_of_day(found, lights, variable, first.fit.unit)}
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:

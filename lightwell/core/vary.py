@@ -16,6 +16,8 @@ from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
 OF_SUN = ("direction", "day", "north", "turbidity")
 # Haze that Mitsuba's sky knows.
 TURBIDITY = (1.0, 10.0)
+# Haze of a clear day in the country.
+USUAL_TURBIDITY = 3.0
 _DAY = re.compile(r"day\s*=(.*)", re.DOTALL)
 
 # Two directions count as one when all their components differ by less.
@@ -136,11 +138,12 @@ def parse_vary(text: str) -> Declaration:
     return Declaration(name, parameter, values)
 
 
-def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]:
+def of_options(texts: Sequence[str], sky: bool = False, **options: float | None) -> tuple[str, ...]:
     """Add options of the sun to declarations.
 
     Args:
         texts: Declarations.
+        sky: Whether the sun has a sky, which a day has anyway and a turbidity gives.
         **options: ``north`` and ``turbidity``; None: not given.
 
     Returns:
@@ -149,12 +152,15 @@ def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]
     Raises:
         ValueError: No sun is declared, or a number is out of range.
     """
+    asked = next((name for name, value in options.items() if value is not None), "sky")
     given = {name: f"{value:g}" for name, value in options.items() if value is not None}
-    if not given:
+    if sky and not any(d.parameter in ("day", "turbidity") for d in map(parse_vary, texts)):
+        given.setdefault("turbidity", f"{USUAL_TURBIDITY:g}")
+    if not (given or sky):
         return tuple(texts)
     suns = [d.name for d in map(parse_vary, texts) if d.parameter in ("direction", "day")]
     if not suns:
-        raise ValueError(f"vary: --{next(iter(given))} is for a sun; add --vary {DAY_EXAMPLE}, or leave it out")
+        raise ValueError(f"vary: --{asked} is for a sun; add --vary {DAY_EXAMPLE}, or leave it out")
     added = [f"{suns[0]}.{name}={value}" for name, value in given.items()]
     for text in added:
         parse_vary(text)

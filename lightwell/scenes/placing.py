@@ -16,7 +16,7 @@ from lightwell.core.sobol import Sobol
 
 from .free_air import FreeAir, free_air
 from .scene import Camera, Scene
-from .variables import PointLight, Sun, Turning, Variable
+from .variables import PointLight, Sun, Turning, Variable, has_sky
 from .viewpoints import camera_frame, view_directions
 from .viewpoints import sample_cameras as sample_cameras
 
@@ -206,7 +206,9 @@ def _lit_part(
     starts = np.repeat(lights.astype(np.float64), len(points), axis=0)
     if isinstance(variable, Sun):
         starts = ends + 4 * extent * starts
-    return 1 - air.occluded(starts, ends, slack).reshape(len(lights), len(points)).mean(axis=1)
+    lit = 1 - air.occluded(starts, ends, slack).reshape(len(lights), len(points)).mean(axis=1)
+    # A sun that has set lights nothing, also where no ground is in its way.
+    return np.where(lights[:, 1] > 0, lit, 0) if has_sky(variable) else lit
 
 
 def _centrality(camera: Camera, lights: np.ndarray) -> np.ndarray:

@@ -211,10 +211,10 @@ export class Viewer extends ViewerFrames {
     if (this.learned?.setEnvironmentRotation(degrees)) this.relit();
   }
 
-  /** Set the time of day, hours; nothing changes where no sun is up then. */
+  /** Set the time of day, hours; nothing changes where it is night then. */
   setDay(hour: number): void {
     if (this.learned?.setDay(hour)) this.relit();
-    else this.say("No sun of this file is up at that time.");
+    else this.say("It is night in this file at that time.");
   }
 
   setStillLight(on: boolean): void {
