@@ -21,6 +21,8 @@ EXTENSION = "LIGHTWELL_neural_radiance"
 VERSION, VERSION_WITH_LAMPS_OR_SKY = 1, 2
 # Kinds of variables that move parts of the scene.
 MOVING = ("node", "clip")
+# Kinds of variables that version 1 does not know.
+NEWER = ("environment", *MOVING)
 
 
 # Notebooks show the largest buffers of a field as pictures, so many pixels a side at most.

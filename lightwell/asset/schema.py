@@ -14,6 +14,7 @@ from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
 from lightwell.asset.records import EXTENSION, MOVING
+from lightwell.core.environment_text import WHOLE_TURN
 
 # Name under which the extension's schema refers to the schema of the shading graph.
 GRAPH_SCHEMA = "graph.schema.json"
@@ -64,7 +65,12 @@ def _check_references(extension: dict[str, Any]) -> None:
         if len(set(names)) < len(names):
             raise ValueError(f"{EXTENSION}.{table}: two entries have the same name")
     for i, variable in enumerate(extension["variables"]):
-        _check_sky(variable.get("sky"), f"{EXTENSION}.variables[{i}].sky")
+        where = f"{EXTENSION}.variables[{i}]"
+        _check_sky(variable.get("sky"), f"{where}.sky")
+        if variable["kind"] == "environment" and not 0 < variable["range"][1] - variable["range"][0] <= WHOLE_TURN:
+            raise ValueError(f"{where}.range: expected two increasing angles, at most {WHOLE_TURN:g} degrees apart")
+    if sum(variable["kind"] == "environment" for variable in extension["variables"]) > 1:
+        raise ValueError(f"{EXTENSION}.variables: only one environment can turn")
     _check_surroundings(extension)
     _check_movers(extension)
     for where, field in _graphs(extension):

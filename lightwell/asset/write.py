@@ -18,7 +18,7 @@ from lightwell.asset.moving import add_movers, moving_nodes
 from lightwell.asset.pictures import add_fallback, add_texture, check_picture
 from lightwell.asset.records import (
     EXTENSION,
-    MOVING,
+    NEWER,
     VERSION,
     VERSION_WITH_LAMPS_OR_SKY,
     EnvironmentEntry,
@@ -213,14 +213,15 @@ def extension_json(
         variables: JSON objects of the variables.
         binary: Receives the bytes of the buffers and pictures.
         document: glTF JSON whose texture tables receive the pictures; None when no field has one.
-        lamps: Groups of the scene's own lights; a file without them, a sky, a node and probes has version 1.
+        lamps: Groups of the scene's own lights; a file without them, probes, and kinds of variables of
+            version 2 has version 1.
         probes: The same light in the air.
 
     Returns:
         The JSON of the extension.
     """
     document = {} if document is None else document
-    newer = lamps or probes or any("sky" in variable or variable["kind"] in MOVING for variable in variables)
+    newer = lamps or probes or any("sky" in variable or variable["kind"] in NEWER for variable in variables)
     head = {"version": VERSION_WITH_LAMPS_OR_SKY if newer else VERSION, "variables": list(variables)}
     entries = {"fields": [_field_json(field, binary, document) for field in fields]}
     if probes:

@@ -35,8 +35,9 @@ def environment_entry(scene: Scene, lamps: Sequence[LampGroup], exposure: float 
     picture = environment_picture(scene, HEIGHT)
     if picture is None or not picture.any():
         return None
-    number = next(k for k, emitter in enumerate(scene.mi.emitters()) if emitter.is_environment())
-    lamp = next((k for k, group in enumerate(lamps) if number in group.emitters), None)
+    # One that turns is none of the scene's own emitters: it follows its variable.
+    numbers = [k for k, emitter in enumerate(scene.mi.emitters()) if emitter.is_environment()]
+    lamp = next((k for k, group in enumerate(lamps) if set(numbers) & set(group.emitters)), None)
     if np.ptp(picture, axis=(0, 1)).max() <= SAME * picture.max():
         return EnvironmentEntry(_color(picture.mean(axis=(0, 1))), lamp=lamp)
     # What is brighter, such as a sun, is as white in a viewer.

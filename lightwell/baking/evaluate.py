@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lightwell.baking.reference_budget import EVALUATION_SEED
-from lightwell.core.sun_path import clock
+from lightwell.core.sun_path import LOWEST, clock
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
+from lightwell.report.summary import point_scores
 from lightwell.scenes.movers import Mover
 from lightwell.scenes.placing import held_out_lights, initial_light, reached_part, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable, declare, has_sky
+from lightwell.scenes.variables import Sun, Turning, Variable, declare, has_sky
 from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
 
@@ -30,6 +31,8 @@ NO_REGION = -1
 BLENDED = 0.01
 # Held-out lights that a view may have; of so many that reach most of it, the brightest is found by paths.
 VIEW_LIGHTS, TRACED_LIGHTS = 32, 4
+# Parts of a day: elevation of the sun from, to; degrees.
+PARTS_OF_DAY = (("twilight", -90.0, 0.0), ("low sun", 0.0, 10.0), ("day", 10.0, 91.0))
 # Points of a picture that are evaluated at a time.
 BLOCK = 1 << 19
 
@@ -120,6 +123,10 @@ def lights_of_views(
         [3] of each view: position in metres, or direction towards the sun.
     """
     held_out = held_out_lights(scene, variable, max(count, VIEW_LIGHTS), seed + EVALUATION_SEED)
+    if has_sky(variable):
+        # All views have one exposure, in which twilight is black.
+        up = held_out[held_out[:, 1] > np.sin(np.radians(LOWEST))]
+        held_out = up if len(up) else held_out
     chosen = []
     for k, camera in enumerate(cameras):
         light = initial_light(scene, variable, camera) if k == 0 else _best_lit(scene, variable, camera, held_out)
@@ -266,6 +273,8 @@ def view_caption(variable: Variable | None, light: np.ndarray, pose: str = "") -
         return "the scene's own light"
     if has_sky(variable) and (hour := variable.hour(light)) is not None:
         return f"at {clock(hour)}"
+    if isinstance(variable, Turning):
+        return f"environment turned by {float(variable.angle(light)):.0f}°"
     where = ", ".join(f"{c:.2f}" for c in light)
     return f"{'light at' if variable.kind == 'point' else 'sun towards'} ({where})"
 
@@ -282,6 +291,42 @@ def object_names(scene: Scene) -> list[str]:
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
+def _axis_value(variable: Variable | None, light: np.ndarray) -> float | None:
+    """Hour of a day, degrees of an environment map; None where the place on the chain says as much."""
+    if isinstance(variable, Turning):
+        return float(variable.angle(light))
+    return variable.hour(light) if has_sky(variable) else None
+
+
+def times_of_day(comparison: PointComparison, lights: np.ndarray, variable: Sun, unit: float) -> list[dict[str, Any]]:
+    """Compute the error of a field over parts of the day, at held-out points and times.
+
+    Args:
+        comparison: N points.
+        lights: [N, 3] direction to the sun at each.
+        variable: A sun with a sky.
+        unit: Radiance unit S.
+
+    Returns:
+        Name, number of times, error and noise floor of each part that the path has.
+    """
+    height = np.degrees(np.arcsin(np.clip(lights[:, 1], -1, 1)))
+    found = []
+    for name, low, high in PARTS_OF_DAY:
+        rows = np.flatnonzero((height >= low) & (height < high))
+        if not len(rows):
+            continue
+        c = comparison
+        part = PointComparison(
+            c.prediction[rows], c.half_a[rows], c.half_b[rows], c.shape[rows], c.objects, c.weight[rows]
+        )
+        told = point_scores(part, unit)
+        times = len(np.unique(np.round(variable.time(lights[rows]), 6)))
+        figures = {key: told[key] for key in ("relative_error", "noise_floor")}
+        found.append({"name": name, "times": times, "points": len(rows), **figures})
+    return found
+
+
 def light_sweep(
     reference: SweepReference, shipped: Shipped, variable: Variable | None = None, mover: Mover | None = None
 ) -> list[tuple[float, float, float]]:
@@ -290,11 +335,12 @@ def light_sweep(
     Args:
         reference: Traced radiance along the chain.
         shipped: The field.
-        variable: Ranges of the light; those of a day give the places in hours.
+        variable: Ranges of the light; those of a day give the places in hours, those of an environment map in
+            degrees.
         mover: The first mover, along whose range the points were traced; None: along the path of the light.
 
     Returns:
-        (position on the chain in [0, 1] or hour of the day, relative error, noise floor) for each light, in this order.
+        (position on the chain in [0, 1], hour or degrees, relative error, noise floor) for each light, in this order.
     """
     r, unit = reference, shipped.fit.unit
     f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
@@ -303,7 +349,7 @@ def light_sweep(
     floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
     last = max(int(r.place.max()), 1)
     lights = [r.place == k for k in np.unique(r.place)]
-    hours = [variable.hour(r.light[at][0]) if has_sky(variable) else None for at in lights]
+    hours = [_axis_value(variable, r.light[at][0]) for at in lights]
     places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
     if mover is not None and r.points.pose is not None:
         places = [mover.value(float(r.points.pose[at][0, 0])) for at in lights]

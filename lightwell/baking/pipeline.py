@@ -30,6 +30,7 @@ from lightwell.baking.refusals import refuse_declared, refuse_sky
 from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
 from lightwell.cluster.attach import attached
+from lightwell.core.environment_text import ROTATED
 from lightwell.core.lamps import parse_lamps
 from lightwell.core.output import BAKE_FILES, holds_output
 from lightwell.core.progress import Progress
@@ -46,6 +47,7 @@ from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.lamp_clips import lamp_clips
 from lightwell.scenes.scene import Scene
+from lightwell.scenes.turning import with_turning
 from lightwell.scenes.variables import by_light, to_json
 
 if TYPE_CHECKING:
@@ -132,9 +134,11 @@ def loaded(settings: BakeSettings | CompareSettings) -> Scene:
         The scene.
 
     Raises:
-        ValueError: The scene has no triangles.
+        ValueError: The scene has no triangles, or no environment map that could turn as is declared.
     """
-    scene = load(settings.scene, **settings.loading)
+    scene = with_turning(load(settings.scene, **settings.loading), settings.vary)
+    if scene.surrounding is not None and settings.cluster:
+        raise ValueError(f"bake: --cluster traces what stands still; leave it out, or drop {ROTATED} from --vary")
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):
         raise ValueError(f"bake: scene '{scene.source}' has no triangles; nothing can be lit")
     return scene
@@ -264,7 +268,7 @@ def write_asset(
     ]
     probes = [FieldEntry(s.role, s.role, s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
-    shines = any(s.role == "static" for s in shipped)
+    shines = state.scene.surrounding is not None or any(s.role == "static" for s in shipped)
     return write_glb(
         out / "scene.glb",
         state.shipped,

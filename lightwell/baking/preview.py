@@ -85,7 +85,7 @@ class PreviewScene:
         camera, light = lit_views(scene, variable, 1, request.seed)[0]
         declared, color = first_settings(request.vary)
         half = scene.core_extent / 2
-        usual = SUN_INTENSITY if variable.kind == "sun" else POINT_INTENSITY * half * half
+        usual = {"sun": SUN_INTENSITY, "environment": 1.0}.get(variable.kind, POINT_INTENSITY * half * half)
         roles: tuple[Role, ...] = ("indirect", "static") if request.static and scene.has_static_light else ("indirect",)
         return PreviewScene(scene, variable, camera, light, declared or usual, color, request.seed, roles)
 
@@ -101,7 +101,8 @@ class PreviewScene:
         variables = [] if self.variable is None else [to_json(self.variable, self.light, self.intensity, self.color)]
         known: dict[Role, Graph] = graphs or {"indirect": _no_light()}
         entries = [FieldEntry(role, role, g, 0 if role == "indirect" else None, {}) for role, g in known.items()]
-        environment = environment_entry(self.scene, (), None) if "static" in self.roles else None
+        shines = "static" in self.roles or self.scene.surrounding is not None
+        environment = environment_entry(self.scene, (), None) if shines else None
         return glb_bytes(self.scene, entries, variables, environment=environment)
 
     def samples(self, lights: int, role: Role, seed: int) -> Samples:

@@ -28,7 +28,7 @@ from lightwell.fields.protocol import further_role, kind_of
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.movers import Pose
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable, first_settings
+from lightwell.scenes.variables import Turning, Variable, first_settings
 from lightwell.scenes.vectors import Vector, vector
 from lightwell.transport import SurfacePoints, indirect, static
 from lightwell.transport.camera import camera_points
@@ -301,17 +301,19 @@ def choose_stage(
     if variable is None or "indirect" not in units:
         return ViewSetup(views, 1.0, (1.0, 1.0, 1.0))
 
-    def first(role: str, name: str | None) -> tuple[float, Vector]:
+    def first(role: str, name: str | None, lit: Variable) -> tuple[float, Vector]:
         declared, color = first_settings(settings.vary, name)
-        return declared or float(f"{units.get('static', 1.0) / units[role]:.3g}"), color
+        # A map is as bright as its file says; the exposure adapts.
+        usual = 1.0 if isinstance(lit, Turning) else units.get("static", 1.0) / units[role]
+        return declared or float(f"{usual:.3g}"), color
 
     further, cameras = [], [camera for camera, _ in views]
     for light in more:
         role = further_role(light.name)
         if role in units:
             places = lights_of_views(scene, light, cameras, settings.seed)
-            further.append(FurtherLight(role, light, places, *first(role, light.name)))
-    return ViewSetup(views, *first("indirect", variable.name if more else None), tuple(further))
+            further.append(FurtherLight(role, light, places, *first(role, light.name, light)))
+    return ViewSetup(views, *first("indirect", variable.name if more else None, variable), tuple(further))
 
 
 def trace_points(

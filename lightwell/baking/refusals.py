@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from lightwell.core.environment_text import ROTATED, turn_range
 from lightwell.core.vary import OF_SKY, parse_vary
 from lightwell.fields.protocol import Field, Job, State
 from lightwell.scenes.posing import declared_movers
-from lightwell.scenes.variables import has_sky
+from lightwell.scenes.variables import Turning, has_sky
 
 
 def refuse_declared(name: str, field: Field, job: Job) -> None:
@@ -17,8 +18,11 @@ def refuse_declared(name: str, field: Field, job: Job) -> None:
         job: Scene and settings.
 
     Raises:
-        ValueError: A day is declared, or a node is, which is not there or which the field does not learn.
+        ValueError: A day, an environment that turns or a node is declared, and the field does not learn it, or the node
+            is not there.
     """
+    if any(turn_range(text) for text in job.request.vary):
+        _need_turning(name, field)
     if any(parse_vary(text).parameter in OF_SKY for text in job.request.vary):
         _need_sky(name, field)
     movers = declared_movers(job.request.vary, job.scene)
@@ -28,7 +32,8 @@ def refuse_declared(name: str, field: Field, job: Job) -> None:
 
 
 def refuse_sky(name: str, field: Field, state: State) -> None:
-    """Refuse a day, which the scene itself may suggest, for fields that take all direct light for the rasteriser's.
+    """Refuse light from all around, which the scene itself may suggest, for fields that take all direct light for the
+    rasteriser's.
 
     Args:
         name: What ``--field`` calls the field.
@@ -36,10 +41,20 @@ def refuse_sky(name: str, field: Field, state: State) -> None:
         state: The prepared scene.
 
     Raises:
-        ValueError: The variable has a sky, which the field does not learn.
+        ValueError: The variable has a sky, or is an environment map, which the field does not learn.
     """
+    if isinstance(state.variable, Turning):
+        _need_turning(name, field)
     if has_sky(state.variable):
         _need_sky(name, field)
+
+
+def _need_turning(name: str, field: Field) -> None:
+    if not getattr(field, "learns_turning", False):
+        raise ValueError(
+            f"bake: field '{name}' learns no environment that turns; use --field factored, or drop {ROTATED} from "
+            "--vary"
+        )
 
 
 def _need_sky(name: str, field: Field) -> None:

@@ -28,11 +28,11 @@ from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, has_sky
+from lightwell.scenes.variables import Turning, Variable, has_sky
 from lightwell.transport import SurfacePoints
 
 # What the chart of the error along the path of the light shows to the right.
-SWEEP, HOURS = "position along the sweep", "hour of the day"
+SWEEP, HOURS, DEGREES = "position along the sweep", "hour of the day", "turn of the environment, degrees"
 
 
 def reference_budget(settings: Reported, job: Job, fit: Fit, roles: int = 1) -> ReferenceBudget:
@@ -117,7 +117,9 @@ def score(
         training=first.fit.training.curve,
         **_sweep(state, reference, first),
         warnings=[*warnings(state), *notes.texts],
-        facts=facts_of(ordered) | _pose_facts(state, reference, ordered[0], points, budget, notes),
+        facts=facts_of(ordered)
+        | _pose_facts(state, reference, ordered[0], points, budget, notes)
+        | _day_facts(state, reference, first, points),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
@@ -128,6 +130,7 @@ def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]
     """Errors along the path of the light, and what the chart shows to the right."""
     variable, mover = state.variable, next(iter(state.scene.movers), None)
     axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
+    axis = DEGREES if isinstance(variable, Turning) else axis
     return {
         "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
         "sweep_axis": axis if mover is None else f"{mover.name}, {mover.unit}",
@@ -156,6 +159,17 @@ def _pose_facts(
         leak = partial(leak_facts, scene, k, first, light, halves, budget)
         of_mover["end_stops"] = notes.attempt(f"the leak at the end stops of {of_mover['name']}", leak, [])
     return {"movers": facts}
+
+
+def _day_facts(
+    state: State, reference: Reference, first: Shipped, points: Mapping[str, PointComparison]
+) -> dict[str, Any]:  # fmt: skip
+    """Errors of a day's twilight, low sun and high sun."""
+    variable, found = state.variable, points.get(first.role)
+    if not has_sky(variable) or first.role != "indirect" or found is None:
+        return {}
+    lights = reference.points[first.role].light
+    return {"times_of_day": evaluate.times_of_day(found, lights, variable, first.fit.unit)}
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:

@@ -6,8 +6,9 @@ import math
 import re
 from datetime import date, datetime, time, timedelta, timezone
 
-# The sun is not followed below this elevation, degrees: light along the ground has no arc to be learned on.
-LOWEST = 2.0
+# A white sun without a sky is not followed below this elevation, degrees: light along the ground has no arc to be
+# learned on. One with a sky is followed to the end of civil twilight.
+LOWEST, CIVIL = 2.0, -6.0
 # Minutes between the times at which it is looked for, and most hours before and after noon where it never sets.
 STEP, MOST_HOURS = 2, 11.5
 _NUMBER = r"\s*,\s*([-+.\deE]+)"
@@ -29,23 +30,28 @@ def sun_day(text: str) -> tuple[float, ...]:
     Returns:
         Unit directions to the sun when it is ``LOWEST`` high, at noon, and when it is as low again: 9 numbers.
     """
-    return sun_hours(text)[:9]
+    return _hours(text, LOWEST)[:9]
 
 
 def sun_hours(text: str) -> tuple[float, ...]:
-    """Compute the path of the sun as ``sun_day`` does, and when it is where.
+    """Compute the path of the sun from dawn to dusk, as ``sun_day`` does, and when it is where.
 
     Args:
         text: ``YYYY-MM-DD,latitude,longitude`` or ``YYYY-MM-DD,latitude,longitude,hours from UTC``; without the last,
             the zone of the longitude (15 degrees an hour).
 
     Returns:
-        9 numbers as those of ``sun_day``, and the clock at the three directions in hours; below 0 and above 24 it is
-        the day before and after.
+        9 numbers as those of ``sun_day``, but from ``CIVIL`` on, and the clock at the three directions in hours; below
+        0 and above 24 it is the day before and after.
 
     Raises:
         ValueError: The text is no day and place, or the sun does not rise there.
     """
+    return _hours(text, CIVIL)
+
+
+def _hours(text: str, lowest: float) -> tuple[float, ...]:
+    """``sun_hours`` from an elevation on."""
     match = _DAY.match(text)
     try:
         year, month, day, latitude, longitude, zone = match.groups() if match else ()
@@ -57,7 +63,7 @@ def sun_hours(text: str) -> tuple[float, ...]:
         raise ValueError("a latitude lies between -90 and 90, a longitude between -180 and 180 degrees")
     if not abs(hours) <= FARTHEST_ZONE:
         raise ValueError(f"a time zone lies between -{FARTHEST_ZONE:g} and {FARTHEST_ZONE:g} hours from UTC")
-    return _path(when, *place, hours)
+    return _path(when, *place, hours, lowest)
 
 
 def parse_clock(text: str) -> float:
@@ -95,7 +101,7 @@ def clock(hours: float) -> str:
     return f"{minutes // 60:02d}:{minutes % 60:02d}"
 
 
-def _path(when: date, latitude: float, longitude: float, zone: float) -> tuple[float, ...]:
+def _path(when: date, latitude: float, longitude: float, zone: float, lowest: float) -> tuple[float, ...]:
     from astral import Observer
     from astral.sun import azimuth, elevation
 
@@ -111,7 +117,7 @@ def _path(when: date, latitude: float, longitude: float, zone: float) -> tuple[f
         )
     reach = int(MOST_HOURS * 60 / STEP)
     # Near the poles noon may lie close to the end of the day that was looked at.
-    up = [k for k in range(noon - reach, noon + reach + 1) if heights[k % len(heights)] > LOWEST]
+    up = [k for k in range(noon - reach, noon + reach + 1) if heights[k % len(heights)] > lowest]
     first = next(k for k in range(noon, noon - reach - 1, -1) if k - 1 not in up)
     last = next(k for k in range(noon, noon + reach + 1) if k + 1 not in up)
     found = [times[noon] + timedelta(minutes=STEP * (k - noon)) for k in (first, noon, last)]

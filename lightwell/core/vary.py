@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lightwell.core.environment_text import ENVIRONMENT, ROTATION, turn_range
 from lightwell.core.mover_texts import is_mover, parse_mover
 from lightwell.core.suggest import did_you_mean
 from lightwell.core.sun_path import DAY_EXAMPLE, EXAMPLE, sun_day, sun_hours
@@ -17,6 +18,8 @@ OF_SUN = ("direction", "day", "north", "turbidity")
 OF_SKY = ("day", "turbidity")
 # Haze that Mitsuba's sky knows.
 TURBIDITY = (1.0, 10.0)
+# Haze of a clear day in the country.
+USUAL_TURBIDITY = 3.0
 _DAY = re.compile(r"day\s*=(.*)", re.DOTALL)
 
 # Two directions count as one when all their components differ by less.
@@ -31,11 +34,12 @@ class Declaration:
     """Name of the light, such as 'light' or 'sun'."""
     parameter: str
     """'position', 'radius', 'clearance', 'direction', 'day', 'north', 'turbidity', 'intensity' or 'color'; of a node
-    'rotation' or 'translation'; of a clip 'animation'."""
+    'rotation' or 'translation'; of a clip 'animation'; of the environment map 'rotation'."""
     values: tuple[float, ...] = ()
     """box: 6 numbers, arc: 4, direction by day(...): 9 (three directions), day: 12 (three directions and three hours),
     radius, clearance, north and turbidity: 1; intensity 1 or none, color 3 or none (their first setting); rotation: an
-    axis and two angles, degrees; translation: two offsets, metres; animation: two shares of the clip."""
+    axis and two angles, degrees; translation: two offsets, metres; animation: two shares of the clip; rotation
+    of the environment: two angles, degrees."""
 
     text: str = ""
     """What declares a node or clip, without its range: 'node:Door.rotation', 'animation:Open'; empty for lights."""
@@ -44,6 +48,11 @@ class Declaration:
     def moves(self) -> bool:
         """Whether it declares a node or clip that moves, instead of a light."""
         return bool(self.text)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it declares an environment map that turns."""
+        return self.parameter == ROTATION and not self.moves
 
     @property
     def learned(self) -> bool:
@@ -96,7 +105,7 @@ def parse_vary(text: str) -> Declaration:
             ``sun.direction=arc(az0,el0,az1,el1)`` or ``day(YYYY-MM-DD,latitude,longitude)``,
             ``day=YYYY-MM-DD,latitude,longitude``, ``day.north=30``, ``day.turbidity=3``, ``light.intensity`` or
             ``light.color``; ``node:NAME.rotation=y:0..110`` or ``node:NAME.translation=(0,0,0)..(0,0,1.2)``;
-            ``animation:NAME=0..1``.
+            ``animation:NAME=0..1``; ``environment.rotation=0..360``.
 
     Returns:
         The declaration.
@@ -107,6 +116,8 @@ def parse_vary(text: str) -> Declaration:
     if is_mover(text):
         node = parse_mover(text)
         return Declaration(node.name, node.path, node.values, node.what)
+    if turn := turn_range(text):
+        return Declaration(ENVIRONMENT, ROTATION, turn)
     if whole := _DAY.fullmatch(text.strip()):
         try:
             return Declaration("day", "day", sun_hours(whole.group(1)))
@@ -129,11 +140,12 @@ def parse_vary(text: str) -> Declaration:
     return Declaration(name, parameter, values)
 
 
-def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]:
+def of_options(texts: Sequence[str], sky: bool = False, **options: float | None) -> tuple[str, ...]:
     """Add options of the sun to declarations.
 
     Args:
         texts: Declarations.
+        sky: Whether the sun has a sky, which a day has anyway and a turbidity gives.
         **options: ``north`` and ``turbidity``; None: not given.
 
     Returns:
@@ -142,12 +154,15 @@ def of_options(texts: Sequence[str], **options: float | None) -> tuple[str, ...]
     Raises:
         ValueError: No sun is declared, or a number is out of range.
     """
+    asked = next((name for name, value in options.items() if value is not None), "sky")
     given = {name: f"{value:g}" for name, value in options.items() if value is not None}
-    if not given:
+    if sky and not any(d.parameter in ("day", "turbidity") for d in map(parse_vary, texts)):
+        given.setdefault("turbidity", f"{USUAL_TURBIDITY:g}")
+    if not (given or sky):
         return tuple(texts)
     suns = [d.name for d in map(parse_vary, texts) if d.parameter in ("direction", "day")]
     if not suns:
-        raise ValueError(f"vary: --{next(iter(given))} is for a sun; add --vary {DAY_EXAMPLE}, or leave it out")
+        raise ValueError(f"vary: --{asked} is for a sun; add --vary {DAY_EXAMPLE}, or leave it out")
     added = [f"{suns[0]}.{name}={value}" for name, value in given.items()]
     for text in added:
         parse_vary(text)

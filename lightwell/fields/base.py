@@ -50,7 +50,7 @@ class FieldSetup:
     def of(
         scene: Scene,
         unit: float,
-        light: Literal["point", "sun", "static"],
+        light: Literal["point", "sun", "environment", "static"],
         variable: Variable | None = None,
     ) -> FieldSetup:
         """Make the set-up of a loaded scene.
@@ -58,17 +58,19 @@ class FieldSetup:
         Args:
             scene: The scene.
             unit: Radiance unit S, > 0.
-            light: Kind of the declared light; 'static' for the scene's own light.
+            light: Kind of the declared light; 'static' for the scene's own light. The north of an environment map is a
+                direction as that of a sun.
             variable: Ranges of the declared light; None for 'static'.
 
         Returns:
             The set-up.
         """
+        kind: Literal["point", "sun", "static"] = "sun" if light == "environment" else light
         low, high = scene.core
         center, size = _triple((low + high) / 2), _triple(high - low)
         matte = all(is_matte(scene.materials[mesh.material]) for mesh in scene.meshes)
         bumpy = bool(relief(scene).any())
-        return FieldSetup(center, 0.5 * max(size), unit, light, size, matte, bumpy, len(scene.movers), scene, variable)
+        return FieldSetup(center, 0.5 * max(size), unit, kind, size, matte, bumpy, len(scene.movers), scene, variable)
 
 
 # The box that a field resolves holds all samples but this share at each end of each axis, and a margin of its longest

@@ -36,7 +36,8 @@ class Request:
         (),
         "what may move: light.position=box(x0,y0,z0,x1,y1,z1), light.radius=r, day=2026-06-21,48.1,11.6 (sun and "
         "sky), sun.direction=arc(az0,el0,az1,el1) in degrees, light.clearance=c, node:Door.rotation=y:0..90 (a node of "
-        "the file, degrees), node:NAME.translation=(x,y,z)..(x,y,z) (metres); light.intensity and light.color set "
+        "the file, degrees), node:NAME.translation=(x,y,z)..(x,y,z) (metres), environment.rotation=0..360 (its map, "
+        "degrees); light.intensity and light.color set "
         "what may always change (default: what the scene suggests, else a point light anywhere in its air)",
         metavar="WHAT=RANGE",
         repeat=True,
@@ -48,9 +49,10 @@ class Request:
         check=lambda v: "" if abs(v) <= 360 else "is no angle; give -360 to 360 degrees",
         group="what may move",
     )
+    sky: bool = option(False, "give the sun of an arc the sky of a clear day", group="what may move")
     turbidity: float | None = option(
         None,
-        "haze of the air, 1 (clear) to 10; gives an arc its sky too (default: 3 for a day)",
+        "haze of the air, 1 (clear) to 10; gives an arc its sky too (default: 3 for a day and for --sky)",
         group="what may move",
     )
     lamps: tuple[str, ...] = option(
@@ -93,6 +95,6 @@ class Request:
     def __post_init__(self) -> None:
         """Take the time of the quality where neither a time nor an error is asked for."""
         parse_lamps(self.lamps)
-        object.__setattr__(self, "vary", of_options(self.vary, north=self.north, turbidity=self.turbidity))
+        object.__setattr__(self, "vary", of_options(self.vary, self.sky, north=self.north, turbidity=self.turbidity))
         if self.quality in QUALITY_SECONDS:
             object.__setattr__(self, "budget", self.budget.or_of(self.quality))

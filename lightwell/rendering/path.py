@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.cluster.attach import attached
+from lightwell.core.environment_text import ROTATED, ROTATED_EXAMPLE, parse_turn
 from lightwell.core.lamps import DAY, parse_day, parse_lamps, parse_settings
 from lightwell.core.mover_texts import parse_movers
 from lightwell.core.sun_path import DAY_EXAMPLE
@@ -18,7 +19,7 @@ from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.posing import in_state
-from lightwell.scenes.variables import Sun, has_sky
+from lightwell.scenes.variables import Sun, Turning, has_sky, surrounds
 from lightwell.transport.camera import total_image
 from lightwell.transport.deep import deep_image
 
@@ -42,9 +43,11 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     shot = Shot.of(settings)
     moved, texts = parse_movers(settings.set)
     hour, texts = parse_day(texts)
-    place, intensity, state = _place(shot, hour), shot.intensity, parse_settings(texts)
-    if settings.options.deep and has_sky(shot.variable):
-        raise ValueError("render: --deep has no sky; leave out --deep, or the day")
+    angle, texts = parse_turn(texts)
+    place, intensity, state = _place(shot, hour, angle), shot.intensity, parse_settings(texts)
+    if settings.options.deep and surrounds(shot.variable):
+        dropped = "the day" if has_sky(shot.variable) else ROTATED
+        raise ValueError(f"render: --deep has no sky; leave out --deep, or {dropped}")
     point = max(state.pop(POINT_LIGHT, (1.0,)))
     scene = in_state(shot.scene, moved, settings.vary)
     groups = group_lamps(scene, parse_lamps(settings.lamps)) if state else ()
@@ -63,8 +66,15 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     return _facts(settings, shot, place, picture, seconds)
 
 
-def _place(shot: Shot, hour: float | None) -> np.ndarray:
-    """[3] place of the point light, or direction to the sun, at an hour where one is set."""
+def _place(shot: Shot, hour: float | None, angle: float | None) -> np.ndarray:
+    """[3] place of the point light, direction to the sun at an hour, or of the map's north at an angle."""
+    if angle is not None:
+        if not isinstance(shot.variable, Turning):
+            raise ValueError(f"set: '{ROTATED}' needs a map that turns; declare it with --vary {ROTATED_EXAMPLE}")
+        try:
+            return shot.variable.at(angle)
+        except ValueError as error:
+            raise ValueError(f"set: {error}") from None
     if hour is None:
         return shot.good_light
     if not isinstance(shot.variable, Sun):

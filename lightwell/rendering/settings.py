@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.core.cluster_options import ClusterOptions
+from lightwell.core.environment_text import parse_turn
 from lightwell.core.lamps import parse_day, parse_lamps, parse_settings
 from lightwell.core.mover_texts import parse_movers
 from lightwell.core.options import check, made, option, options_of
@@ -189,14 +190,16 @@ class RenderSettings(SceneOptions, ClusterOptions):
     set: tuple[str, ...] = option(
         (),
         "a state of the scene's own lamps, such as desk=0.3 or desk=1,0.8,0.6; light=0 turns the point light off; "
-        "day=18:30 is the time of a day that --vary declares; node:Door.rotation=45 (degrees about y, or x:45) and "
+        "day=18:30 is the time of a day that --vary declares, environment.rotation=90 the angle of a map; "
+        "node:Door.rotation=45 (degrees about y, or x:45) and "
         "node:Door.translation=(0,0,0.6) (metres) move a node",
         metavar="NAME=DIMMER",
         repeat=True,
     )
     vary: tuple[str, ...] = option(
         (),
-        "the sun instead of the point light, as for bake: day=2026-06-21,48.1,11.6 or sun.direction=arc(90,10,270,10)",
+        "the sun instead of the point light, as for bake: day=2026-06-21,48.1,11.6 or sun.direction=arc(90,10,270,10); "
+        "environment.rotation=0..360 turns the environment map",
         metavar="WHAT=RANGE",
         repeat=True,
     )
@@ -217,7 +220,7 @@ class RenderSettings(SceneOptions, ClusterOptions):
         """Refuse values out of range, by the name of their option."""
         check(self, "render")
         parse_lamps(self.lamps)
-        parse_settings(parse_day(parse_movers(self.set)[1])[1])
+        parse_settings(parse_turn(parse_day(parse_movers(self.set)[1])[1])[1])
         if (self.set or self.vary) and self.integrator != "path":
             given = "--set" if self.set else "--vary"
             raise ValueError(f"render: {given} is for --integrator path; leave one of them out")

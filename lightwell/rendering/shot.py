@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.core.environment_text import ROTATED
 from lightwell.core.image_io import write_picture
 from lightwell.rendering.settings import RenderSettings
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.turning import with_turning
 from lightwell.scenes.variables import Variable, declare
 
 
@@ -37,7 +39,9 @@ class Shot:
         Returns:
             Scene, camera and light.
         """
-        scene = load(settings.scene, **settings.loading)
+        scene = with_turning(load(settings.scene, **settings.loading), settings.vary)
+        if scene.surrounding is not None and settings.cluster:
+            raise ValueError(f"render: --cluster traces what stands still; leave it out, or drop {ROTATED} from --vary")
         light = None if settings.light is None else np.asarray(settings.light, np.float32)
         return Shot(scene, _camera(scene, settings.camera), declare(settings.vary, scene), light, settings.intensity)
 

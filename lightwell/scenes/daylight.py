@@ -1,8 +1,11 @@
-"""The clear sky of a path of the sun: Mitsuba's ``sunsky``, read at some times and kept as numbers (``scenes.sky``)."""
+"""The clear sky of a path of the sun: Mitsuba's ``sunsky``, read at some times and kept as numbers (``scenes.sky``).
+
+Its sun is the same from 2 degrees down, and its sky ends at the horizon; what is lower is ``scenes.twilight``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -10,9 +13,14 @@ import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats
 from lightwell.scenes.sky import COEFFICIENTS, Sky, cell_directions, evaluate, light_of_sphere
+from lightwell.scenes.twilight import CLEAR, DISC, HORIZON, SUN_OF_MODEL, low_sunlight, twilight
 
-# Times at which the sky is read; closer together at both ends, where the low sun changes fast.
+# Times at which the sky is read, closer together at both ends; and elevations of a low sun at which it is read besides,
+# degrees, where light changes fast.
 KEYS = 13
+LOW_KEYS = (-5.0, -4.0, -3.0, -2.0, -1.0, -0.5, -DISC, HORIZON, 0.5, 1.0, 2.0, 4.0)
+# Steps of a path in which these elevations are looked for, and times that are one.
+PATH_STEPS, SAME_TIME = 4096, 2e-3
 # Figures of the numbers that are kept.
 DIGITS = 6
 # Rings and spokes of the quadrature over the sun's disc, and its half aperture in degrees (Mitsuba's default / 2).
@@ -36,11 +44,14 @@ NONLINEAR = ~LINEAR
 
 
 @lru_cache(maxsize=8)
-def clear_sky(path: tuple[tuple[float, ...], ...], turbidity: float, hours: tuple[float, ...] = ()) -> Sky:
+def clear_sky(
+    times: tuple[float, ...], path: tuple[tuple[float, ...], ...], turbidity: float, hours: tuple[float, ...] = ()
+) -> Sky:
     """Read sun and sky along a path.
 
     Args:
-        path: ``KEYS`` unit directions to the sun at ``key_times``, above the horizon.
+        times: ``key_times`` of the path.
+        path: Unit directions to the sun then, down to civil twilight.
         turbidity: Haze of the air, 1 to 10.
         hours: Clock at t = 0, 1/2 and 1; empty where the path is not that of a day.
 
@@ -51,14 +62,17 @@ def clear_sky(path: tuple[tuple[float, ...], ...], turbidity: float, hours: tupl
     guess = np.zeros((3, COEFFICIENTS))
     guess[:, NONLINEAR] = STARTS[0]
     for direction in np.asarray(path):
+        seen = _raised(direction, HORIZON)
         suns.append(_sunlight(direction, turbidity))
-        guess, scale = _fitted(direction, turbidity, guess)
+        guess, scale = _fitted(seen, turbidity, guess)
         models.append(np.where(LINEAR, guess * scale[:, None], guess))
+        lit = twilight(direction, seen, models[-1])
+        models[-1] = np.where(LINEAR, models[-1] * lit, models[-1])
         cells.append(evaluate(models[-1], directions[..., 1], directions @ direction).mean(axis=1))
     level = light_of_sphere(np.array(suns), np.array(cells))
     brightest = float(level.max())
     return Sky(
-        tuple(float(t) for t in key_times()),
+        times,
         tuple(_rounded(sun / brightest) for sun in suns),
         tuple(_rounded(np.where(LINEAR, model / brightest, model)) for model in models),
         _rounded(level / brightest),
@@ -71,13 +85,29 @@ def _rounded(values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(f"{v:.{DIGITS}g}") for v in np.ravel(values))
 
 
-def key_times() -> np.ndarray:
+def key_times(path: Callable[[np.ndarray], np.ndarray] | None = None) -> np.ndarray:
     """Return the times at which a sky is read.
 
+    Args:
+        path: Directions [N, 3] to the sun at times [N]; None: one that does not come near the horizon.
+
     Returns:
-        [KEYS] times from 0 to 1.
+        Times from 0 to 1: ``KEYS``, and those at which the sun is at one of ``LOW_KEYS``.
     """
-    return 0.5 - 0.5 * np.cos(np.pi * np.arange(KEYS) / (KEYS - 1))
+    even = 0.5 - 0.5 * np.cos(np.pi * np.arange(KEYS) / (KEYS - 1))
+    if path is None:
+        return even
+    t = np.linspace(0, 1, PATH_STEPS + 1)
+    height = np.degrees(np.arcsin(np.clip(path(t)[:, 1], -1, 1)))
+    found = []
+    for low in LOW_KEYS if height.min() < SUN_OF_MODEL - 0.5 else ():
+        k = np.flatnonzero((height[:-1] < low) != (height[1:] < low))
+        found.append(t[k] + (low - height[k]) / (height[k + 1] - height[k]) / PATH_STEPS)
+    low_times = np.concatenate([np.zeros(0), *found])
+    low_times = low_times[(low_times > SAME_TIME) & (low_times < 1 - SAME_TIME)]
+    away = np.abs(even[:, None] - low_times).min(axis=1, initial=1)
+    kept = even[(away > SAME_TIME) | (even == 0) | (even == 1)]
+    return np.sort(np.concatenate([kept, low_times]))
 
 
 def radiance_of_mitsuba(
@@ -122,8 +152,24 @@ def sunsky(sun: np.ndarray, turbidity: float, *, sky_scale: float = 1.0, sun_sca
     }  # fmt: skip
 
 
+def _raised(direction: np.ndarray, elevation: float) -> np.ndarray:
+    """A direction, or that of its azimuth at an elevation in degrees where it is lower."""
+    sine = np.sin(np.radians(elevation))
+    if direction[1] >= sine:
+        return direction
+    flat = np.array([direction[0], 0, direction[2]]) / np.hypot(direction[0], direction[2])
+    return np.cos(np.radians(elevation)) * flat + np.array([0, sine, 0])
+
+
 def _sunlight(direction: np.ndarray, turbidity: float) -> np.ndarray:
-    """[3] irradiance of the sun's disc at normal incidence."""
+    """[3] irradiance of the sun's disc at normal incidence, below ``SUN_OF_MODEL`` by the air in between."""
+    known = [_raised(direction, elevation) for elevation in (SUN_OF_MODEL, *CLEAR)]
+    lowest, *clear = (_disc(way, turbidity) for way in known)
+    return lowest if known[0] is direction else low_sunlight(direction, lowest, clear)
+
+
+def _disc(direction: np.ndarray, turbidity: float) -> np.ndarray:
+    """[3] irradiance of the sun's disc as Mitsuba has it."""
     ring, spoke = np.divmod(np.arange(RINGS * SPOKES), SPOKES)
     # Rings of one area each; the disc is so small that its cosine is 1.
     angle = np.radians(HALF_APERTURE) * np.sqrt((ring + 0.5) / RINGS)

@@ -4,7 +4,8 @@
     test   = held_out_lights(scene, variable, 32, seed=1)     # never the same positions
     views  = sample_cameras(scene, variable, 24, seed=1)
 
-For a ``Sun`` the positions are unit directions on its arc, and the geometry is not tested.
+For a ``Sun`` the positions are unit directions on its arc, for a ``Turning`` those of the map's north, and the geometry
+is not tested.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from lightwell.core.sobol import Sobol
 
 from .free_air import FreeAir, free_air
 from .scene import Camera, Scene
-from .variables import PointLight, Sun, Variable
+from .variables import PointLight, Sun, Turning, Variable, has_sky
 from .viewpoints import camera_frame, view_directions
 from .viewpoints import sample_cameras as sample_cameras
 
@@ -72,7 +73,7 @@ def held_out_lights(scene: Scene, variable: Variable, count: int, seed: int) -> 
     Returns:
         [count, 3] float32 positions, metres (unit directions to a sun).
     """
-    if isinstance(variable, Sun):
+    if isinstance(variable, (Sun, Turning)):
         return _lights(scene, variable, count, seed, _HELD_OUT)
     pool = _lights(scene, variable, POOL * count, seed, _HELD_OUT)
     quarter = count // 4
@@ -93,7 +94,7 @@ def _near_border(variable: PointLight, points: np.ndarray) -> np.ndarray:
 def _lights(scene: Scene, variable: Variable, count: int, seed: int, stream: int) -> np.ndarray:
     """Draw [count, 3] accepted positions (or sun directions) of one random stream, in the order of Sobol's sequence."""
     random = np.random.default_rng(np.random.SeedSequence([seed, stream]))
-    if isinstance(variable, Sun):
+    if isinstance(variable, (Sun, Turning)):
         return variable.sample((np.arange(count) + random.random(count)) / count)[random.permutation(count)]
     sobol, air = Sobol(3, random), free_air(scene)
     kept: list[np.ndarray] = []
@@ -147,6 +148,8 @@ def initial_light(scene: Scene, variable: Variable, camera: Camera, candidates: 
     Returns:
         [3] float32 allowed position, metres (unit direction to a sun).
     """
+    if isinstance(variable, Turning):
+        return variable.direction(variable.initial).astype(np.float32)
     air = free_air(scene)
     points, to_eye = _seen_points(air, camera)
     lights = _lights(scene, variable, candidates, 0, _INITIAL)
@@ -180,6 +183,9 @@ def reached_part(scene: Scene, variable: Variable, lights: np.ndarray, camera: C
     points, to_eye = _seen_points(air, camera)
     if not len(points):
         return np.zeros(len(lights))
+    if isinstance(variable, Turning):
+        # It shines from all around.
+        return np.ones(len(lights))
     return _lit_part(air, variable, lights, points, to_eye, scene.extent)
 
 
@@ -200,7 +206,9 @@ def _lit_part(
     starts = np.repeat(lights.astype(np.float64), len(points), axis=0)
     if isinstance(variable, Sun):
         starts = ends + 4 * extent * starts
-    return 1 - air.occluded(starts, ends, slack).reshape(len(lights), len(points)).mean(axis=1)
+    lit = 1 - air.occluded(starts, ends, slack).reshape(len(lights), len(points)).mean(axis=1)
+    # A sun that has set lights nothing, also where no ground is in its way.
+    return np.where(lights[:, 1] > 0, lit, 0) if has_sky(variable) else lit
 
 
 def _centrality(camera: Camera, lights: np.ndarray) -> np.ndarray:

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lightwell.core.sun_path import DAY_EXAMPLE, LOWEST, clock
-from lightwell.core.vary import OF_SUN
+from lightwell.core.sun_path import CIVIL, DAY_EXAMPLE, clock
+from lightwell.core.vary import OF_SUN, USUAL_TURBIDITY
 from lightwell.scenes.sky import STEPS, Sky, SkyTables, sky_tables
 from lightwell.scenes.vectors import vector
 
-# Numbers of ``day=``: three directions and three hours. Haze of a clear day in the country.
-DAY_NUMBERS, USUAL_TURBIDITY = 12, 3.0
+# Numbers of ``day=``: three directions and three hours.
+DAY_NUMBERS = 12
 # The path of a day may be so much (sine) below its ends between them.
 SLACK = 0.01
 
@@ -123,14 +123,14 @@ class Sun:
             [3] unit direction.
 
         Raises:
-            ValueError: The sun is not up then, or the arc is not that of a day.
+            ValueError: It is night then, or the arc is not that of a day.
         """
         hours = self.sky.hours if self.sky else ()
         if not hours:
             raise ValueError(f"'{self.name}' is no day; declare one with --vary {DAY_EXAMPLE}")
         found = next((h for h in (hour, hour - 24, hour + 24) if hours[0] <= h <= hours[2]), None)
         if found is None:
-            raise ValueError(f"the sun is not up at {clock(hour)}; choose {clock(hours[0])} to {clock(hours[2])}")
+            raise ValueError(f"it is night at {clock(hour)}; choose {clock(hours[0])} to {clock(hours[2])}")
         return self.direction(np.interp(found, hours, (0, 0.5, 1)))
 
     def sample(self, u: np.ndarray) -> np.ndarray:
@@ -252,11 +252,13 @@ def with_sky(sun: Sun, turbidity: float, hours: tuple[float, ...] = ()) -> Sun:
         The sun with its sky.
 
     Raises:
-        ValueError: A part of the path lies below the horizon, where no clear sky is known.
+        ValueError: A part of the path lies below civil twilight.
     """
     from lightwell.scenes.daylight import clear_sky, key_times
 
-    path = sun.direction(key_times())
-    if path[:, 1].min() < np.sin(np.radians(LOWEST)) - SLACK:
-        raise ValueError(f"vary: the path of '{sun.name}' goes below {LOWEST:g} degrees; a sky needs a higher sun")
-    return replace(sun, sky=clear_sky(_rows(path), turbidity, hours))
+    if sun.direction(key_times())[:, 1].min() < np.sin(np.radians(CIVIL)) - SLACK:
+        raise ValueError(
+            f"vary: the path of '{sun.name}' goes below {CIVIL:g} degrees, where it is night; begin and end it higher"
+        )
+    times = key_times(sun.direction)
+    return replace(sun, sky=clear_sky(tuple(times.tolist()), _rows(sun.direction(times)), turbidity, hours))

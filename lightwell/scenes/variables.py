@@ -21,6 +21,7 @@ from lightwell.scenes.suns import Sun as Sun
 from lightwell.scenes.suns import declared_sun
 from lightwell.scenes.suns import sun_arc as sun_arc
 from lightwell.scenes.suns import toward as toward
+from lightwell.scenes.turning import Turning as Turning
 from lightwell.scenes.vectors import Vector, vector
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class PointLight:
         return (low + np.asarray(u) * (high - low)).astype(np.float32)
 
 
-Variable = PointLight | Sun
+Variable = PointLight | Sun | Turning
 
 
 def has_sky(variable: Variable | None) -> TypeGuard[Sun]:
@@ -75,6 +76,18 @@ def has_sky(variable: Variable | None) -> TypeGuard[Sun]:
         True for a sun with a sky.
     """
     return isinstance(variable, Sun) and variable.sky is not None
+
+
+def surrounds(variable: Variable | None) -> TypeGuard[Sun | Turning]:
+    """Test whether a variable is light from all around: a sun with its sky, or an environment map.
+
+    Args:
+        variable: The variable; None: no light varies.
+
+    Returns:
+        True where a field learns its light whole, from the first hit on.
+    """
+    return has_sky(variable) or isinstance(variable, Turning)
 
 
 def default_variable(scene: Scene) -> PointLight:
@@ -134,6 +147,8 @@ def declare(texts: Sequence[str], scene: Scene) -> Variable:
         ValueError: The declarations name several lights, or contradict each other.
     """
     found = [d for d in map(parse_vary, texts) if d.learned and not d.moves]
+    if found and found[0].turns:
+        return _turning(found, scene)
     suggested = [d for d in map(parse_vary, scene.vary) if d.learned]
     name = found[0].name if found else ""
     suns = [any(d.parameter in OF_SUN for d in declared) for declared in (found, suggested)]
@@ -183,6 +198,19 @@ def first_settings(texts: Sequence[str], name: str | None = None) -> tuple[float
     return intensity, vector(given.get("color", (1.0, 1.0, 1.0)))
 
 
+def _turning(found: Sequence[Declaration], scene: Scene) -> Turning:
+    """The environment map that turns; declarations of other lights beside it are refused."""
+    if len(found) > 1:
+        raise ValueError(
+            f"vary: one light can vary here, not the environment and {found[1].name}.{found[1].parameter}; declare one "
+            "of them: only a bake of --field factored takes several"
+        )
+    if scene.surrounding is None:
+        raise ValueError("vary: environment.rotation is for bake, compare and render; leave it out here")
+    first, last = found[0].values
+    return Turning(first, last)
+
+
 def _point_light(given: dict[str, tuple[float, ...]], scene: Scene, name: str) -> PointLight:
     default = default_variable(scene)
     box = given.get("position", (*default.low, *default.high))
@@ -224,12 +252,15 @@ def to_json(
     Returns:
         JSON-compatible object.
     """
-    if isinstance(variable, Sun):
+    own: dict[str, Any]
+    if isinstance(variable, Turning):
+        middle, own = vector(variable.direction(variable.initial)), {"range": [variable.first, variable.last]}
+    elif isinstance(variable, Sun):
         middle = variable.middle
-        own: dict[str, Any] = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
+        own = {key: [float(v) for v in getattr(variable, key)] for key in ("start", "middle", "end")}
         own |= {"sky": variable.sky.json()} if variable.sky else {}
     else:
-        middle = variable.sample(np.full((1, 3), 0.5))[0]
+        middle = vector(variable.sample(np.full((1, 3), 0.5))[0])
         own = {"low": [float(v) for v in variable.low], "high": [float(v) for v in variable.high]}
         own |= {"clearance": float(variable.clearance), "radius": float(variable.radius)}
     first = [float(v) for v in (middle if initial is None else initial)]
@@ -250,9 +281,15 @@ def from_json(entry: dict[str, Any]) -> Variable:
         ValueError: The kind is unknown, or a value is missing or wrong.
     """
     name, kind = entry.get("name", "?"), entry.get("kind")
-    makers: dict[Any, Callable[[dict[str, Any]], Variable]] = {"point": _point_from_json, "sun": _sun_from_json}
+    makers: dict[Any, Callable[[dict[str, Any]], Variable]] = {
+        "point": _point_from_json,
+        "sun": _sun_from_json,
+        "environment": _turning_from_json,
+    }
     if kind not in makers:
-        raise ValueError(f"variable '{name}': kind is {kind!r}, expected 'point' or 'sun'; write the asset again")
+        raise ValueError(
+            f"variable '{name}': kind is {kind!r}, expected 'point', 'sun' or 'environment'; write the asset again"
+        )
     try:
         return makers[kind](entry)
     except (KeyError, TypeError, ValueError) as error:
@@ -262,6 +299,11 @@ def from_json(entry: dict[str, Any]) -> Variable:
 def _point_from_json(entry: dict[str, Any]) -> PointLight:
     clearance, radius = float(entry["clearance"]), float(entry.get("radius", 0))
     return PointLight(vector(entry["low"]), vector(entry["high"]), clearance, radius, entry["name"])
+
+
+def _turning_from_json(entry: dict[str, Any]) -> Turning:
+    first, last = (float(angle) for angle in entry["range"])
+    return Turning(first, last, entry["name"])
 
 
 def _sun_from_json(entry: dict[str, Any]) -> Sun:

@@ -23,6 +23,7 @@ from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import shape_index, shape_lookup, tables
+from lightwell.transport.turned_source import TurnedEmitter
 
 # Surfaces with a larger null transmission than this are cut away, as a rasteriser does (glTF MASK).
 CUTOUT = 0.5
@@ -300,7 +301,7 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
         if variable is not None:
-            L += tint * _lit(scene.mi, si, ray, declared(variable, source), rng, depths)
+            L += tint * _lit(scene.mi, si, ray, declared(variable, source, scene.surrounding), rng, depths)
         if settings["with_static"]:
             L += trace(scene.mi, si, Emitters(), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
@@ -310,9 +311,9 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
 
 
 def _lit(geometry, si, ray, light, rng, depths) -> mi.Spectrum:
-    """Estimate the light of a declared light that camera rays see; the sky behind everything included."""
+    """Estimate the light of a declared light that camera rays see; the sky or the map behind everything included."""
     L = trace(geometry, si, light, rng, independent(rng), *depths, True)
-    if not isinstance(light, DayEmitter):
+    if not isinstance(light, (DayEmitter, TurnedEmitter)):
         return L
     return light.level * (L + light.sky(ray.d, ~si.is_valid()))
 

@@ -20,9 +20,9 @@ def environment_picture(scene: Scene, height: int) -> np.ndarray | None:
 
     Returns:
         [height, 2 height, 3] float32 mean radiance of each pixel, equirectangular: columns by atan2(z, x), from -π
-        to π. None where nothing surrounds the scene.
+        to π; a map that turns as its file has it. None where nothing surrounds the scene.
     """
-    emitter = scene.mi.environment()
+    emitter = scene.surrounding or scene.mi.environment()
     if emitter is None:
         return None
     rows, columns = PLACES * height, 2 * PLACES * height

@@ -24,7 +24,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
+from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.moved import by_pose
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
@@ -257,7 +257,7 @@ def direct(
 ) -> np.ndarray:
     """Trace the direct radiance leaving points towards their views, for a white light of 1 cd (1 lx for a sun).
 
-    With a sky: of its sun alone, because that of the sky is part of ``indirect``.
+    With a sky: of its sun alone, because that of the sky is part of ``indirect``; of an environment map nothing.
 
     Args:
         scene: Scene to trace.
@@ -273,6 +273,8 @@ def direct(
         [N, 3] float32; exact for a light without radius.
     """
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
+    if isinstance(variable, Turning):
+        return np.zeros((len(points), 3), np.float32)
     bare = replace(variable, sky=None) if has_sky(variable) else variable
     limits = PathSettings(paths, seed, DIRECT_DEPTH, RR_DEPTH, True, CONNECTIONS)
     a, b = _traced(scene, points, limits, bare, light, report, recipe)
@@ -378,7 +380,9 @@ def _means(
     positions = None if light is None else upload(mi.Vector3f, light)
 
     def source(row):
-        return Emitters() if positions is None else declared(variable, dr.gather(mi.Vector3f, positions, row))
+        if positions is None:
+            return Emitters()
+        return declared(variable, dr.gather(mi.Vector3f, positions, row), scene.surrounding)
 
     half = limits.paths // 2
     device = DevicePoints(points)

@@ -70,9 +70,13 @@ class DayEmitter:
             The source.
         """
         sun, level, cells, sums = _device_tables(variable)
-        step = mi.UInt32(dr.round(_time(variable, direction) * (STEPS - 1)))
+        place = _time(variable, direction) * (STEPS - 1)
+        step = mi.UInt32(dr.round(place))
         color = mi.Color3f(*(dr.gather(mi.Float, sun, step * 3 + c) for c in range(3)))
-        return DayEmitter(direction, color, step, dr.gather(mi.Float, level, step), cells, sums)
+        # In twilight the light grows by a fifth from one step to the next.
+        before = mi.UInt32(dr.clip(dr.floor(place), 0, STEPS - 2))
+        ends = (dr.gather(mi.Float, level, before + k) for k in (0, 1))
+        return DayEmitter(direction, color, step, dr.lerp(*ends, place - mi.Float(before)), cells, sums)
 
     def sky(self, direction: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """Evaluate the sky.

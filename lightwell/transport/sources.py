@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from lightwell.backend import dr, mi
-from lightwell.scenes.variables import PointLight, Variable, has_sky
+from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
 from lightwell.transport.sky_source import DayEmitter
+from lightwell.transport.turned_source import TurnedEmitter
 
 LightSample: TypeAlias = tuple[Any, Any, Any, Any, Any]
 """Direction [world], weight = Le / pdf, pdf, whether the pdf is a delta function, shadow ray; Dr.Jit values."""
@@ -219,22 +220,28 @@ class Emitters:
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
 
 
-Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | Sphere | Emitters
+Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | TurnedEmitter | Sphere | Emitters
 """Anything that the path tracer can sample."""
 
 
-def declared(variable: Variable, light: mi.Vector3f) -> PointEmitter | Sphere | SunEmitter | DayEmitter:
+Declared: TypeAlias = PointEmitter | Sphere | SunEmitter | DayEmitter | TurnedEmitter
+
+
+def declared(variable: Variable, light: mi.Vector3f, surrounding: Any = None) -> Declared:
     """Make the source that a variable declares.
 
     Args:
         variable: The declared light.
         light: Its position in every lane, metres (direction to a sun).
+        surrounding: ``Scene.surrounding``, for an environment map that turns.
 
     Returns:
-        A sun, alone or with its sky, a sphere for a radius above 0, else a point.
+        A sun, alone or with its sky, an environment map, a sphere for a radius above 0, else a point.
     """
     if has_sky(variable):
         return DayEmitter.of(variable, dr.normalize(light))
+    if isinstance(variable, Turning):
+        return TurnedEmitter.of(surrounding, dr.normalize(light))
     if variable.kind == "sun":
         return SunEmitter(dr.normalize(light))
     if isinstance(variable, PointLight) and variable.radius > 0:

@@ -178,7 +178,7 @@ def test_stored_variables_come_back(variable):
 
 
 def test_a_stored_variable_that_cannot_be_read():
-    with pytest.raises(ValueError, match="variable 'x': kind is 'spot', expected 'point' or 'sun'"):
+    with pytest.raises(ValueError, match="variable 'x': kind is 'spot', expected 'point', 'sun' or 'environment'"):
         from_json({"name": "x", "kind": "spot"})
     with pytest.raises(ValueError, match=r"variable 'x': a point cannot be read .*'clearance'"):
         from_json({"name": "x", "kind": "point", "low": [0, 0, 0], "high": [1, 1, 1]})

@@ -5,7 +5,7 @@ import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { bundle, modulePage } from "./support/bundle.ts";
-import { plainRoom } from "./support/fixtures.ts";
+import { plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 
 /** Counts contexts that draw, and defines the element. */
@@ -182,5 +182,20 @@ it("shows what surrounds a scene", async () => {
   });
   // sRGB of 0.25, 0.5 and 1.
   pixel.forEach((x, i) => expect(Math.abs(x - [137, 188, 255, 255][i]!)).toBeLessThanOrEqual(1));
+  expect(errors).toEqual([]);
+});
+
+it("turns the environment map that may turn, and leaves what cannot be turned so far", async () => {
+  const map = { kind: "environment", name: "environment", range: [0, 180], initial: [0, 0, -1], intensity: 1, color: [1, 1, 1] };
+  const tamper = (json: any) => void Object.assign(json.extensions.LIGHTWELL_neural_radiance, { version: 2, environment: { radiance: [1, 1, 1] } });
+  site.put("/turn.glb", writeGlb(plainRoom({ variables: [map], fields: [stillField()], tamper })));
+  const { page, errors } = await open("turn", '<lightwell-viewer src="/turn.glb" environment-rotation="90"></lightwell-viewer>');
+  await loaded(page, 1);
+  const north = () => page.evaluate(() => [...(document.querySelector("lightwell-viewer") as any).scene.lamps[0].value].map((x: number) => Math.round(x * 100) / 100));
+  expect(await north()).toEqual([1, 0, -0]);
+  for (const [asked, expected] of [["0", [0, 0, -1]], ["270", [0, 0, -1]], ["", [0, 0, -1]]] as const) {
+    await page.evaluate((value) => document.querySelector("lightwell-viewer")!.setAttribute("environment-rotation", value), asked);
+    expect(await north()).toEqual(expected);
+  }
   expect(errors).toEqual([]);
 });

@@ -132,6 +132,9 @@ def _write(data: bytes, path: Path) -> None:
 class FieldAndProbes(FactoredField):
     """See ``lightwell.fields.protocol.Field``."""
 
+    learns_turning = False
+    """Whether the probes have the light of an environment map that turns."""
+
     def prepare(self, job: Job) -> State:
         """Find what varies, and refuse what probes cannot follow.
 

@@ -19,6 +19,7 @@ class ProbesField(SurfaceField):
 
     Options = ProbesOptions
     learns_sky = False
+    learns_turning = False
 
     def prepare(self, job: Job) -> State:
         """Find the variable light, or read the probes that an incremental bake starts from.

@@ -40,7 +40,7 @@ from lightwell.networks.light_major import LightMajorSet, light_runs
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.posing import declared_movers
-from lightwell.scenes.variables import Variable, by_light, declare, has_sky
+from lightwell.scenes.variables import Variable, by_light, declare, surrounds
 from lightwell.transport.samples import Query, Samples
 
 # Without decay, fine levels fit the noise of the samples; the coarsest level holds the smooth part. Four scenes, 3,000
@@ -262,8 +262,8 @@ def _frame_of(query: Query) -> np.ndarray:
 
 
 def _widest(lights: Sequence[Variable]) -> Variable:
-    """The light around which people look farthest: a sun, one with a sky first."""
-    return max(lights, key=lambda light: (has_sky(light), light.kind == "sun"))
+    """The light around which people look farthest: one from all around first, then a sun."""
+    return max(lights, key=lambda light: (surrounds(light), light.kind == "sun"))
 
 
 class FactoredField(SurfaceField):

@@ -99,6 +99,8 @@ class SurfaceField:
     shares = "surface"
     learns_sky = True
     """Whether the direct light of a sky is in its samples."""
+    learns_turning = True
+    """Whether the light of an environment map that turns is in its samples."""
 
     def __init__(
         self,

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lightwell.core.environment_text import ROTATED
 from lightwell.core.vary import parse_vary
 from lightwell.fields.protocol import Job, Role, State
 from lightwell.fields.surface.plan import RAYS
@@ -62,6 +63,8 @@ def moving_state(state: State, job: Job, movers: tuple[Mover, ...]) -> State:
         ValueError: The bake has options that know one pose only.
     """
     request, names = job.request, ", ".join(f"'{mover.name}'" for mover in movers)
+    if job.scene.surrounding is not None:
+        raise ValueError(f"bake: a map turns where nothing else moves; drop {names} or {ROTATED} from --vary")
     if job.scene.executor is not None:
         raise ValueError(f"bake: --cluster traces one pose; leave it out, or drop {names} from --vary")
     if getattr(job.options, "rebake", None):

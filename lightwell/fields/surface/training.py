@@ -38,6 +38,7 @@ from lightwell.fields.surface.roles import learning_time, looked_from, role_seco
 from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
 from lightwell.networks.loop import Progress, TrainingState
+from lightwell.scenes.variables import Turning
 from lightwell.transport import Samples
 from lightwell.transport.collect import join
 from lightwell.transport.gathered_shards import GatheredShards
@@ -45,6 +46,7 @@ from lightwell.transport.own_light_shards import OwnLightShards
 from lightwell.transport.posed_shards import PosedShards
 from lightwell.transport.seen_shards import POINTS_PER_SHARD, GatherSize
 from lightwell.transport.shards import Make, ShardSettings
+from lightwell.transport.turned_light import TurnedShards
 
 # Steps that are timed to make a plan; the first ones compile kernels.
 WARM_UP_STEPS, TIMED_STEPS = 5, 15
@@ -146,7 +148,8 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     if state.scene.movers:
         return posed_maker(state, role, looked_from(state), shards, start.gathered, start.pose_seconds)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
-    kind = OwnLightShards if role == "static" else GatheredShards
+    moving = TurnedShards if isinstance(state.variable, Turning) else GatheredShards
+    kind = OwnLightShards if role == "static" else moving
     return kind(state.scene, looked_from(state), shards, size, state.looked)
 
 

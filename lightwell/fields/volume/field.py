@@ -16,6 +16,7 @@ class VolumeField(SurfaceField):
 
     Options = VolumeOptions
     learns_sky = False
+    learns_turning = False
 
     def starter(self, state: State, role: Role) -> Callable[[FieldSetup, int], Learner]:
         """Return a function that solves the volume's light and makes an untrained network of the light.

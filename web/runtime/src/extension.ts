@@ -127,6 +127,8 @@ export async function readExtension(
   if (version === 1 && extension.lamps !== undefined) fail(`${EXTENSION}.lamps`, "nothing of that name in version 1");
   const skies = variables.findIndex((variable) => variable.kind === "sun" && variable.sky !== null);
   if (version === 1 && skies >= 0) fail(`${EXTENSION}.variables[${skies}].sky`, "nothing of that name in version 1");
+  const turning = variables.findIndex(({ kind }) => kind === "environment");
+  if (version === 1 && turning >= 0) fail(`${EXTENSION}.variables[${turning}].kind`, '"point" or "sun" in version 1');
   const lamps = readLamps(extension.lamps, `${EXTENSION}.lamps`);
   const movers = readMovers(extension.variables, `${EXTENSION}.variables`, { nodes: list(json.nodes ?? [], "nodes", LIMITS.entries), animations: json.animations });
   if (version === 1 && movers.length > 0) fail(`${EXTENSION}.variables`, "no node or clip in version 1");

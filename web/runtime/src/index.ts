@@ -31,4 +31,6 @@ export type { Mover } from "./movers.ts";
 export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SWITCHES, readLampSettings } from "./switches.ts";
 export { clockText, hourAt, readClock, type Sky, skyAt } from "./sky.ts";
 export { SkyBackground } from "./sky-background.ts";
+export { angleInRange, angleOf, northAt, type TurningVariable } from "./turning.ts";
+export { TurningLamp, turningOf } from "./turning-lamp.ts";
 export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";

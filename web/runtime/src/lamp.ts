@@ -5,6 +5,7 @@ import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
 import { SHADOW_RADIUS } from "./shadow-lift.ts";
 import { levelAt, sunlightAt } from "./sky.ts";
+import { TurningLamp } from "./turning-lamp.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 const POINT_SHADOW_SIZE = 1024;
@@ -23,7 +24,7 @@ export interface Lamp {
   readonly variable: Variable;
   /** The three.js light, which may be moved, coloured and dimmed as any other: `follow` takes it up. */
   readonly object: Light;
-  /** The field's input `light`, in the space of the scene's root: a position, or a unit direction to the sun. */
+  /** The field's input `light`, in the space of the scene's root: a position, or a unit direction to the sun, or of the north of an environment. */
   readonly value: Vector3;
   readonly color: Color;
   intensity: number;
@@ -48,6 +49,7 @@ export interface Lamp {
 
 /** The lamp of a declared light in a scene with the given bounds and the part of them that is looked at (of the root's space). */
 export function createLamp(variable: Variable, bounds: Box3, placement: Placement, core = bounds): Lamp {
+  if (variable.kind === "environment") return new TurningLamp(variable, placement.root);
   return variable.kind === "point" ? new PointLamp(variable, bounds, placement, core) : new SunLamp(variable, bounds, placement, core);
 }
 
@@ -271,7 +273,10 @@ export class ShadowKeeper {
     const version = lamps.map((lamp) => lamp.shadowVersion).join();
     if (this.drawn.get(key) === version) return;
     this.drawn.set(key, version);
-    for (const { object } of lamps) (object as PointLight).shadow.needsUpdate = true;
+    for (const { object } of lamps) {
+      const { shadow } = object as Partial<PointLight>;
+      if (shadow) shadow.needsUpdate = true;
+    }
   }
 }
 

@@ -6,6 +6,8 @@ import { coreOf } from "./core.ts";
 import type { Environment } from "./environment.ts";
 import type { FieldRecord } from "./extension.ts";
 import type { LampAnimation, LampClip, LampPlayer, PlayOptions } from "./lamp-clips.ts";
+import { angleInRange, northAt } from "./turning.ts";
+import { turningOf } from "./turning-lamp.ts";
 import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import type { LitObjects, LitParts } from "./lit-objects.ts";
@@ -306,6 +308,17 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     return suns.some(([, time]) => time !== null);
   }
 
+  /**
+   * Turn the environment map, where it may turn: degrees clockwise seen from above. Returns whether it is turned so far; where it is
+   * not, nothing changes.
+   */
+  setEnvironmentRotation(degrees: number): boolean {
+    const map = turningOf(this.lamps);
+    const angle = map && angleInRange(map.variable, degrees);
+    if (angle !== null) map!.move(new Vector3(...northAt(angle)));
+    return angle !== null;
+  }
+
   /** The switch of an object under the root, such as one that a ray has met; null where it belongs to none. */
   switchOf(object: Object3D): LampSwitch | null {
     return this.ownLamps.of(object);
@@ -350,7 +363,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    */
   addLamp(variable = 0): Lamp | null {
     const declared = this.variables[variable];
-    if (!declared || this.lamps.length >= MAX_LAMPS) return null;
+    if (!declared || declared.kind === "environment" || this.lamps.length >= MAX_LAMPS) return null;
     const lamp = createLamp(declared, this.bounds, this.placement, this.core);
     const alike = this.lamps.filter((other) => other.variable === declared);
     lamp.move(roomiestPlace(lamp, alike));

@@ -4,6 +4,7 @@ import { ClampToEdgeWrapping, DataTexture, DataUtils, EquirectangularReflectionM
 import type { Environment } from "./environment.ts";
 import { type Lamp, type SunLamp, sunsWithSky } from "./lamp.ts";
 import { skyAt } from "./sky.ts";
+import { type TurningLamp, turningOf } from "./turning-lamp.ts";
 
 /** Columns and rows of the picture: rows of 0.7 degrees, so that the horizon is a line. That of an environment has its own. */
 const WIDTH = 128;
@@ -33,8 +34,11 @@ export class SkyBackground {
   /** Bring the picture up to date; call before drawing. Returns whether it has changed. `still`: whether light that stands still is shown. */
   update(lamps: readonly Lamp[], still = true): boolean {
     const suns = sunsWithSky(lamps);
-    const factor = this.factor(still);
-    const key = [factor.join(), ...suns.map(({ value, color, intensity }) => [...value.toArray(), ...color.toArray(), intensity].join())].join(";");
+    const turning = turningOf(lamps);
+    const factor = this.factor(still, turning);
+    // As the columns are: clockwise seen from above.
+    const shift = ((turning?.angle ?? 0) / 360) * this.texture.image.width;
+    const key = [factor.join(), shift, ...suns.map(({ value, color, intensity }) => [...value.toArray(), ...color.toArray(), intensity].join())].join(";");
     if (key === this.drawn) return false;
     this.drawn = key;
     const { data, width, height } = this.texture.image as unknown as { data: Uint16Array; width: number; height: number };
@@ -52,7 +56,7 @@ export class SkyBackground {
         for (let c = 0; c < 3; c++) {
           // Suns have no sky under the horizon.
           const sky = low && high ? low[c]! + (step % 1) * (high[c]! - low[c]!) : 0;
-          data[at + c] = DataUtils.toHalfFloat(Math.min(sky + factor[c]! * this.texel(column, row, c), MOST));
+          data[at + c] = DataUtils.toHalfFloat(Math.min(sky + factor[c]! * this.texel(column - shift, row, c), MOST));
         }
         data[at + 3] = DataUtils.toHalfFloat(1);
       }
@@ -66,19 +70,25 @@ export class SkyBackground {
   }
 
   /** What the picture of the environment is multiplied by. */
-  private factor(still: boolean): readonly [number, number, number] {
+  private factor(still: boolean, turning: TurningLamp | null): readonly [number, number, number] {
     const { environment } = this;
-    if (!environment || !still) return [0, 0, 0];
-    const { radiance: [r, g, b], lamp } = environment;
+    if (!environment || (!still && !turning)) return [0, 0, 0];
+    const { radiance: [r, g, b] } = environment;
+    const lamp = turning ?? environment.lamp;
     if (!lamp) return [r, g, b];
     const { color, intensity } = lamp;
     return [r * color.r * intensity, g * color.g * intensity, b * color.b * intensity];
   }
 
-  /** The picture of the environment, whose first row is the last one here. */
-  private texel(column: number, row: number, c: number): number {
+  /** The picture of the environment, whose first row is the last one here, between two columns. */
+  private texel(place: number, row: number, c: number): number {
     const picture = this.environment?.picture;
-    return picture ? picture.texels[3 * ((picture.height - 1 - row) * picture.width + column) + c]! : 1;
+    if (!picture) return 1;
+    const { width, height, texels } = picture;
+    const first = Math.floor(place);
+    const at = (column: number) => texels[3 * ((height - 1 - row) * width + (((column % width) + width) % width)) + c]!;
+    const share = place - first;
+    return share > 0 ? (1 - share) * at(first) + share * at(first + 1) : at(first);
   }
 
   /** Have the picture uploaded again. `WebGLRenderer` keeps a cube map of it for as long as it is not disposed of. */

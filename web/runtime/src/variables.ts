@@ -2,6 +2,7 @@
 
 import { direction, fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
 import { readSky, type Sky } from "./sky.ts";
+import { readTurning, type TurningVariable } from "./turning.ts";
 
 /** A small light that roams a box. */
 export interface PointVariable {
@@ -39,7 +40,7 @@ export interface SunVariable {
   readonly color: Vec3;
 }
 
-export type Variable = PointVariable | SunVariable;
+export type Variable = PointVariable | SunVariable | TurningVariable;
 
 /** Largest number of declared lights: each one costs a shadow map and an evaluation of its field. */
 export const MAX_VARIABLES = 4;
@@ -54,7 +55,8 @@ export function readVariables(value: unknown, where: string): Variable[] {
   // What moves comes after the lights (`movers.ts`).
   const entries = list(value ?? [], where, MAX_VARIABLES).map((entry, i) => record(entry, `${where}[${i}]`));
   const lights = entries.findIndex(({ kind }) => kind === "node" || kind === "clip");
-  return (lights < 0 ? entries : entries.slice(0, lights)).map((entry, i) => readVariable(entry, `${where}[${i}]`));
+  const found = (lights < 0 ? entries : entries.slice(0, lights)).map((entry, i) => readVariable(entry, `${where}[${i}]`));
+  return found.filter(({ kind }) => kind === "environment").length > 1 ? fail(where, "one environment that turns") : found;
 }
 
 function readVariable(value: unknown, where: string): Variable {
@@ -66,7 +68,8 @@ function readVariable(value: unknown, where: string): Variable {
   };
   if (entry.kind === "point") return readPoint(entry, where, common);
   if (entry.kind === "sun") return readSun(entry, where, common);
-  return fail(`${where}.kind`, '"point" or "sun"');
+  if (entry.kind === "environment") return readTurning(entry, where, common);
+  return fail(`${where}.kind`, '"point", "sun" or "environment"');
 }
 
 type Common = Pick<PointVariable, "name" | "intensity" | "color">;

@@ -63,8 +63,8 @@ export class LampController {
   /** Add a lamp of the kind of a declared light; returns its number, or -1 when there are enough. */
   add(variable = 0): number {
     if (!this.stage.learned?.addLamp(variable)) {
-      const none = this.all.length === 0;
-      this.events.say(none ? "This file has no lamp that can move." : "There is no room for another lamp.");
+      const none = this.all[0] === undefined || this.all[0].variable.kind === "environment";
+      this.events.say(none ? "This file has no lamp of which there could be more." : "There is no room for another lamp.");
       return -1;
     }
     this.events.relit();

@@ -35,6 +35,8 @@ export interface Options {
   readonly lights: readonly LightOption[];
   /** Time of day, hours. */
   readonly day: number | null;
+  /** Turn of the environment map, degrees. */
+  readonly rotation: number | null;
   /** Settings of the scene's own lamps by name: `desk:0.3;bed:0:ffcc88`. */
   readonly lamps: ReadonlyMap<string, LampSetting>;
   /** Values of the nodes that move by name: `Door:45`. */
@@ -71,6 +73,7 @@ export function readOptions(search: string): Options {
     samples: query.get("samples") === "0" ? 0 : 4,
     lights: readLights(query.get("lights")),
     day: readClock(query.get("day") ?? ""),
+    rotation: readNumber(query.get("rotation"), -360, 360),
     lamps: readLampSettings(query.get("lamps")),
     movers: readMoverValues(query.get("movers")),
     half: query.get("half") === "1",

@@ -1,18 +1,18 @@
 /** What is shown, as the options of the page's address say it: for links, and for the page around a frame. */
 
-import { clockText, lampSettingsText, moverValuesText } from "lightwell";
+import { clockText, lampSettingsText, moverValuesText, turningOf } from "lightwell";
 import { Color, SRGBColorSpace, Vector3 } from "three";
 import type { Options } from "./options.ts";
-import { hourOf } from "./view-hour.ts";
+import { hourOf } from "./view-moment.ts";
 import type { Viewer } from "./viewer.ts";
 
 /** Options of the address that say what is shown, by name. */
-export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "day", "lights", "lamps", "movers", "exposure", "tonemap", "half"] as const;
+export const STATE_NAMES = ["mode", "against", "split", "view", "camera", "day", "rotation", "lights", "lamps", "movers", "exposure", "tonemap", "half"] as const;
 
 export type PageState = Partial<Record<(typeof STATE_NAMES)[number], string>>;
 
 /** The part of the options that a state may change. */
-export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "day" | "lights" | "lamps" | "movers" | "exposure" | "toneMapping" | "half">;
+export type ShownOptions = Pick<Options, "mode" | "against" | "split" | "view" | "camera" | "day" | "rotation" | "lights" | "lamps" | "movers" | "exposure" | "toneMapping" | "half">;
 
 /** Digits that a link keeps: a tenth of a millimetre in a room. */
 const DIGITS = 5;
@@ -27,6 +27,7 @@ export function stateOf(viewer: Viewer): PageState {
     [short(value.toArray()), color.getHexString(SRGBColorSpace), short([intensity])].join(","),
   );
   const hour = hourOf(viewer.lamps);
+  const map = turningOf(viewer.lamps);
   const movers = moverValuesText(viewer.learned?.movers ?? []);
   const lamps = lampSettingsText(viewer.learned?.switches ?? []);
   return {
@@ -34,6 +35,7 @@ export function stateOf(viewer: Viewer): PageState {
     ...(mode === "split" ? { against, split: short([split]) } : {}),
     ...(view === null ? { camera: short([...position, ...target, fovY]) } : { view: String(view) }),
     ...(hour === null ? {} : { day: clockText(hour) }),
+    ...(map ? { rotation: short([map.angle]) } : {}),
     ...(lights.length > 0 ? { lights: lights.join(";") } : {}),
     ...(lamps ? { lamps } : {}),
     ...(movers ? { movers } : {}),
@@ -65,6 +67,7 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
   if (toneMapping) viewer.setToneMapping(toneMapping);
   if (options.half !== viewer.half) viewer.setHalf(options.half);
   if (options.day !== null) viewer.setDay(options.day);
+  if (options.rotation !== null) viewer.setEnvironmentRotation(options.rotation);
   applyLights(viewer, options);
   applyLamps(viewer, options);
   for (const [name, value] of options.movers) viewer.setMover(name, value);

@@ -11,7 +11,7 @@ import { needsReference } from "./presenter.ts";
 import { onContextLoss, seen } from "./renderer.ts";
 import type { TestObject } from "./test-object.ts";
 import type { ToneMappingName } from "./tone-mapping.ts";
-import { hourOf, nearestReference, otherHour } from "./view-hour.ts";
+import { momentOf, nearestReference, otherMoment } from "./view-moment.ts";
 import { ViewerFrames } from "./viewer-frames.ts";
 
 const CONTEXT_LOST =
@@ -90,14 +90,14 @@ export class Viewer extends ViewerFrames {
     }
     if (mode === "split" && !this.canHold(this.against)) this.against = "direct";
     const [needed, needs] = [needsReference(this), needsReference({ mode, against: this.against })];
-    const hour = hourOf(this.lamps);
+    const moment = momentOf(this.lamps);
     if (needed && !needs) this.returnLamps();
     if (needs) {
       if (!needed) this.parked = this.lampController.states();
       if (this.view === null || !this.page.views[this.view]?.reference) {
         const nearest = nearestReference(this.page.views, this.rig.camera.position, this.lamps);
         this.setView(nearest);
-        const other = otherHour(this.page.views[nearest]!, hour, this.lamps);
+        const other = otherMoment(this.page.views[nearest]!, moment, this.lamps);
         if (other) this.say(other);
       }
       this.resetLight();
@@ -206,10 +206,15 @@ export class Viewer extends ViewerFrames {
     this.relit();
   }
 
-  /** Set the time of day, hours; nothing changes where no sun is up then. */
+  /** Turn the environment map, degrees; nothing changes where it is not turned so far. */
+  setEnvironmentRotation(degrees: number): void {
+    if (this.learned?.setEnvironmentRotation(degrees)) this.relit();
+  }
+
+  /** Set the time of day, hours; nothing changes where it is night then. */
   setDay(hour: number): void {
     if (this.learned?.setDay(hour)) this.relit();
-    else this.say("No sun of this file is up at that time.");
+    else this.say("It is night in this file at that time.");
   }
 
   setStillLight(on: boolean): void {

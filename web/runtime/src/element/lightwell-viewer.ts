@@ -30,7 +30,7 @@ progress::-moz-progress-bar { background: #ffb454; }
 [hidden] { display: none; }`;
 
 /** Attributes that are no properties of the element. */
-const TAKEN = ["src", "poster", "alt", "controls", "exposure", "camera", "light", "loading", "day", "lamps", "movers", "class", "part", "style", "is"];
+const TAKEN = ["src", "poster", "alt", "controls", "exposure", "camera", "light", "loading", "day", "environment-rotation", "lamps", "movers", "class", "part", "style", "is"];
 
 /** Servers that import this module have no elements. */
 const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
@@ -52,12 +52,12 @@ interface Shown {
  * Attributes: `src`; `poster` (a picture to show until the scene is there); `alt` (what is seen, in words); `controls` (the visitor may
  * orbit and zoom); `camera` (name of a camera of the file, or "eye / target" in metres; the file's first camera unless given); `loading`
  * (`lazy`: when it comes near); `exposure` (linear factor, the file's own unless given); `tone-mapping` (`agx`, `aces`, `neutral`, `none`);
- * `light` (place of the first lamp); `day` (time of day, `18:30`); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip);
+ * `light` (place of the first lamp); `day` (time of day, `18:30`); `environment-rotation` (degrees); `lamps` (the scene's own: `desk:0.3;bed:0:ffcc88`, dimmer and colour by name); `movers` (what moves: `Door:45`, degrees, metres or a share of a clip);
  * `door` (the same by its name in lower case: 0 to 1 of its range; wins over `movers`). Events: `load`; `progress` with `loaded` and `total` bytes; `error` whose `message` says why.
  * `scene` is the `LearnedScene`: call `invalidate` after a change of it. All elements of a page share one renderer.
  */
 export class LightwellViewer extends ElementBase implements Client {
-  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "lamps", "movers"];
+  static readonly observedAttributes = ["src", "poster", "alt", "controls", "exposure", "tone-mapping", "camera", "light", "day", "environment-rotation", "lamps", "movers"];
   private readonly canvas = document.createElement("canvas");
   private readonly poster = document.createElement("img");
   private readonly message = document.createElement("p");
@@ -159,7 +159,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const movers = moverProps(learned.movers, (name) => TAKEN.includes(name) || name in this, "lightwell-viewer");
       if (movers.size > 0) this.short.observe(this, { attributeFilter: [...movers.keys()] });
       this.shown = { gltf, learned, scene, sky, movers };
-      for (const name of ["camera", "light", "day", "lamps", "movers"]) this.apply(name);
+      for (const name of ["camera", "light", "day", "environment-rotation", "lamps", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
@@ -203,6 +203,8 @@ export class LightwellViewer extends ElementBase implements Client {
       if (place) this.shown?.learned.lamps[0]?.move(place);
     } else if (name === "day") {
       if (value !== null) this.shown?.learned.setDay(value);
+    } else if (name === "environment-rotation") {
+      if (value !== null && value.trim() !== "") this.shown?.learned.setEnvironmentRotation(Number(value));
     } else if (name === "lamps") {
       const settings = readLampSettings(value);
       for (const lamp of this.shown?.learned.switches ?? []) {

@@ -38,6 +38,8 @@ export class EngineLight {
   constructor(radiance: NeuralRadiance, weights?: "inline" | "texture") {
     const sky = radiance.variables.find((variable) => variable.kind === "sun" && variable.sky !== null);
     if (sky) throw new Error(`sun '${sky.name}': expected one without a sky; show it with three.js`);
+    const turning = radiance.variables.find(({ kind }) => kind === "environment");
+    if (turning) throw new Error(`environment '${turning.name}': expected one that stands still; show it with three.js`);
     const [mover] = radiance.movers;
     if (mover) throw new Error(`${mover.kind} '${mover.name}': expected a scene that stands still; show it with three.js`);
     this.lamps = radiance.variables.map((variable) => new EngineLamp(variable));

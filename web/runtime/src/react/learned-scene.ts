@@ -49,6 +49,8 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
   readonly light?: readonly [number, number, number];
   /** Time of day, `18:30` or hours, where a sun of the file knows one. */
   readonly day?: string | number;
+  /** Degrees by which the environment map is turned, clockwise seen from above, where it may turn. */
+  readonly environmentRotation?: number;
   /** Settings of the scene's own lamps by name, such as `{ desk: 0.3 }`; the others are as in the file. */
   readonly lamps?: Readonly<Record<string, LampSetting>>;
   /** Values of the nodes that move by name, degrees or metres, such as `{ Door: 45 }`; the others are as the file shows them first. */
@@ -62,10 +64,10 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 }
 
 /** Properties that are not of three.js' groups. */
-const OWN = ["src", "light", "day", "lamps", "movers", "parts", "weights", "environment", "ref", "key", "children", "attach", "args", "dispose"];
+const OWN = ["src", "light", "day", "environmentRotation", "lamps", "movers", "parts", "weights", "environment", "ref", "key", "children", "attach", "args", "dispose"];
 
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
-export function LearnedScene({ src, light, day, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
+export function LearnedScene({ src, light, day, environmentRotation, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
   const invalidate = useThree((state) => state.invalidate);
   useImperativeHandle(ref, () => scene, [scene]);
@@ -76,6 +78,9 @@ export function LearnedScene({ src, light, day, lamps, movers, parts, weights, e
   useEffect(() => {
     if (day !== undefined) scene.setDay(day);
   }, [scene, day]);
+  useEffect(() => {
+    if (environmentRotation !== undefined) scene.setEnvironmentRotation(environmentRotation);
+  }, [scene, environmentRotation]);
   const settings = JSON.stringify(lamps ?? {});
   useEffect(() => {
     for (const lamp of scene.switches) lamp.reset();
@@ -91,7 +96,7 @@ export function LearnedScene({ src, light, day, lamps, movers, parts, weights, e
   }, [scene, props, poses]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
   // None of these is a property of three.js' objects: a canvas with `frameloop="demand"` would not draw the change.
-  useEffect(() => invalidate(), [invalidate, scene, x, y, z, day, settings, poses, parts]);
+  useEffect(() => invalidate(), [invalidate, scene, x, y, z, day, environmentRotation, settings, poses, parts]);
   return createElement("group", others, createElement("primitive", { object: scene.root }));
 }
 

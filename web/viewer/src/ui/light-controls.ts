@@ -1,6 +1,6 @@
 /** Controls of one declared light. */
 
-import { clockText, hourAt, SunLamp } from "lightwell";
+import { clockText, hourAt, type Lamp, northAt, SunLamp, TurningLamp } from "lightwell";
 import { Color, Vector3 } from "three";
 import type { Viewer } from "../viewer.ts";
 import { createSection, createSlider } from "./controls.ts";
@@ -8,29 +8,25 @@ import { el } from "./dom.ts";
 
 /** The intensity slider reaches this many stops below and above the baked intensity. */
 const STOPS = 4;
+/** Degrees by which angles may differ and still be the same. */
+const SAME_ANGLE = 1e-3;
+/** Units of the intensity, and what the place is, by kind. */
+const UNITS = { point: "cd", sun: "lx", environment: "" };
+const PLACES = { point: "Position, m", sun: "Direction", environment: "North" };
 
 export function createLightControls(viewer: Viewer, index: number): HTMLElement {
   const lamp = viewer.lamps[index]!;
   const { variable } = lamp;
-  const unit = variable.kind === "point" ? "cd" : "lx";
   const intensity = createSlider(
     "Intensity",
     [-STOPS, STOPS, 0.05],
-    (stops) => `${format(variable.intensity * 2 ** stops)} ${unit}`,
+    (stops) => `${format(variable.intensity * 2 ** stops)} ${UNITS[variable.kind]}`.trim(),
     (stops) => viewer.lampController.setIntensity(index, variable.intensity * 2 ** stops),
   );
   const color = el("input", { type: "color", "aria-label": "Colour of the light" });
   color.addEventListener("input", () => viewer.lampController.setColor(index, new Color(color.value)));
   const place = el("output", { class: "place" });
-  const sun = lamp instanceof SunLamp ? lamp : null;
-  const arc = sun
-    ? createSlider(
-        sun.variable.sky?.hours ? "Time" : "Path",
-        [0, 1, 0.002],
-        (t) => timeText(sun, t),
-        (t) => void viewer.lampController.move(index, sun.arc.at(t, new Vector3())),
-      )
-    : null;
+  const path = createPath(lamp, (value) => void viewer.lampController.move(index, value));
   const update = () => {
     intensity.set(
       variable.intensity > 0 ? Math.log2(Math.max(lamp.intensity, 1e-9) / variable.intensity) : 0,
@@ -41,25 +37,53 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
       .toArray()
       .map((x) => x.toFixed(2))
       .join("  ");
-    if (sun) arc?.set(sun.time);
+    path?.update();
   };
   const stop = viewer.on("change", update);
   viewer.on("lamps", stop);
   update();
   const rows = [
-    ...(arc ? [arc.element] : []),
+    ...(path ? [path.element] : []),
     intensity.element,
     el("label", { class: "row" }, el("span", {}, "Colour"), color),
     el(
       "div",
       { class: "row" },
-      el("span", {}, variable.kind === "point" ? "Position, m" : "Direction"),
+      el("span", {}, PLACES[variable.kind]),
       place,
     ),
   ];
   const section = createSection(lampName(viewer, index), ...rows);
   if (viewer.lampController.isAdded(index)) section.querySelector("h2")?.append(createRemove(viewer, index));
   return section;
+}
+
+/** The slider of a lamp that has one range: a sun along its path, a map that turns. Args: the lamp; takes its new value. */
+function createPath(lamp: Lamp, move: (value: Vector3) => void): { element: HTMLElement; update(): void } | null {
+  if (lamp instanceof TurningLamp) {
+    const { range } = lamp.variable;
+    let shown = Number.NaN;
+    const turn = (angle: number) => {
+      shown = angle;
+      move(new Vector3(...northAt(angle)));
+    };
+    const slider = createSlider("Rotation", [...range, 1], (angle) => `${Math.round(angle)}°`, turn);
+    const update = () => {
+      // Both ends of a whole turn are one direction: the slider stays where it was put.
+      const away = Math.abs(lamp.angle - shown) % 360;
+      if (!(Math.min(away, 360 - away) < SAME_ANGLE)) shown = lamp.angle;
+      slider.set(shown);
+    };
+    return { element: slider.element, update };
+  }
+  if (!(lamp instanceof SunLamp)) return null;
+  const slider = createSlider(
+    lamp.variable.sky?.hours ? "Time" : "Path",
+    [0, 1, 0.002],
+    (t) => timeText(lamp, t),
+    (t) => move(lamp.arc.at(t, new Vector3())),
+  );
+  return { element: slider.element, update: () => slider.set(lamp.time) };
 }
 
 /** The clock where there is one, else the share of the path. */

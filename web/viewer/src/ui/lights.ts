@@ -9,7 +9,8 @@ export function createLights(viewer: Viewer): HTMLElement {
   const element = el("div", { class: "lights" });
   const fill = () => {
     const lights = viewer.lamps.map((_, index) => createLightControls(viewer, index));
-    const room = lights.length > 0 && lights.length < MAX_LAMPS;
+    // A map that turns is one; what is added is of the kind of the first lamp.
+    const room = lights.length < MAX_LAMPS && viewer.lamps[0] !== undefined && viewer.lamps[0].variable.kind !== "environment";
     element.replaceChildren(...lights, ...(room ? [createAdd(viewer)] : []));
   };
   const stop = viewer.on("lamps", fill);

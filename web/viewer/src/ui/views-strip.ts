@@ -1,6 +1,6 @@
 /** The strip of saved views. */
 
-import { nameOfView } from "../view-hour.ts";
+import { nameOfView } from "../view-moment.ts";
 import type { Viewer } from "../viewer.ts";
 import { el, ICONS, icon } from "./dom.ts";
 

@@ -2,14 +2,14 @@
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import { hourAt, SunLamp } from "lightwell";
+import { hourAt, northAt, SunLamp, TurningLamp } from "lightwell";
 import { Box3, Group, Vector3 } from "three";
 import type { Browser } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
 import { Placement } from "../runtime/src/placement.ts";
 import { readVariables, type SunVariable } from "../runtime/src/variables.ts";
 import { readPageData } from "../viewer/src/page-data.ts";
-import { nameOfView, nearestReference, otherHour } from "../viewer/src/view-hour.ts";
+import { nameOfView, nearestReference, otherMoment } from "../viewer/src/view-moment.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { plainRoom, stillField } from "./support/fixtures.ts";
 import { type Fixture, writeGlb } from "./support/glb.ts";
@@ -52,8 +52,24 @@ describe("saved views of a day", () => {
 
   it("say where they were traced for another hour", () => {
     const lamp = sun();
-    expect(otherHour(saved[2]!, hourAt(lamp.variable.sky!, 0.5), [lamp])).toBeNull();
-    expect(otherHour(saved[2]!, 18.5, [lamp])).toBe("The reference of “view 2” was traced for 12:15, not 18:30.");
+    expect(otherMoment(saved[2]!, { at: hourAt(lamp.variable.sky!, 0.5)!, kind: "hour" }, [lamp])).toBeNull();
+    expect(otherMoment(saved[2]!, { at: 18.5, kind: "hour" }, [lamp])).toBe("The reference of “view 2” was traced for 12:15, not 18:30.");
+  });
+});
+
+describe("saved views of a map that turns", () => {
+  const map = new TurningLamp({ kind: "environment", name: "environment", range: [0, 360], initial: northAt(0), intensity: 1, color: [1, 1, 1] }, new Group());
+  const reference = { width: 4, height: 3, ...packReference(new Float32Array(36), 4) };
+  const saved = readPageData({ views: [10, 200].map((angle, i) => ({ name: `view ${i}`, camera: { position: [0, 1, 4], target: [0, 1, 0] }, light: northAt(angle), ...reference })) }).views;
+
+  it("have its angle in their name, and are found by the nearest angle, a whole turn aside", () => {
+    expect(saved.map((view) => nameOfView(view, [map]))).toEqual(["view 0, 10°", "view 1, 200°"]);
+    for (const [angle, expected] of [[350, 0], [120, 1]] as const) {
+      map.move(new Vector3(...northAt(angle)));
+      expect(nearestReference(saved, new Vector3(0, 1, 4), [map])).toBe(expected);
+    }
+    expect(otherMoment(saved[0]!, { at: 350, kind: "angle" }, [map])).toBe("The reference of “view 0” was traced for 10°, not 350°.");
+    expect(otherMoment(saved[0]!, { at: 370.2, kind: "angle" }, [map])).toBeNull();
   });
 });
 

@@ -1,0 +1,82 @@
+/** The environment map that turns, as a declared light: nothing of it is rasterised but the picture behind the scene. */
+
+import { AmbientLight, Color, Vector3 } from "three";
+import type { Lamp } from "./lamp.ts";
+import { angleOf, northAt, type TurningVariable } from "./turning.ts";
+
+/** The map has been turned by hand when its north is farther from where it was put. */
+const MOVED = 1e-5;
+const NORTH = new Vector3(0, 0, -1);
+const UP = new Vector3(0, 1, 0);
+
+/** Its three.js light shines on nothing: it is the handle by which the map is turned about its y axis, dimmed and tinted. */
+export class TurningLamp implements Lamp {
+  readonly variable: TurningVariable;
+  readonly object = new AmbientLight(0xffffff, 1);
+  readonly value = new Vector3();
+  readonly color: Color;
+  intensity: number;
+  readonly level = 1;
+  readonly shadowVersion = 0;
+  private readonly root: { add(object: AmbientLight): unknown };
+  private readonly given = { color: new Color(), intensity: Number.NaN };
+
+  /** Args: the variable; the root of its scene. */
+  constructor(variable: TurningVariable, root: { add(object: AmbientLight): unknown }) {
+    this.variable = variable;
+    this.root = root;
+    this.color = new Color(...variable.color);
+    this.intensity = variable.intensity;
+    this.object.name = variable.name;
+    // Lights that are not visible are left out of all shaders.
+    this.object.visible = false;
+    this.move(new Vector3(...variable.initial));
+    this.tint();
+  }
+
+  /** Angle by which the map is turned, degrees clockwise seen from above. */
+  get angle(): number {
+    return angleOf(this.variable, this.value.toArray());
+  }
+
+  attach(): void {
+    this.root.add(this.object);
+  }
+
+  detach(): void {
+    this.object.removeFromParent();
+  }
+
+  move(value: Vector3): boolean {
+    this.value.set(...northAt(angleOf(this.variable, value.toArray())));
+    this.object.setRotationFromAxisAngle(UP, -Math.atan2(this.value.x, -this.value.z));
+    return this.value.distanceTo(value.clone().normalize()) > MOVED;
+  }
+
+  renewShadow(): void {}
+
+  follow(): void {
+    const seen = NORTH.clone().applyQuaternion(this.object.quaternion);
+    if (seen.distanceTo(this.value) > MOVED) this.move(seen);
+    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color);
+    if (this.object.intensity !== this.given.intensity) this.intensity = this.object.intensity;
+    this.tint();
+  }
+
+  tint(): void {
+    this.object.color.copy(this.color);
+    this.object.intensity = this.intensity;
+    this.given.color.copy(this.color);
+    this.given.intensity = this.intensity;
+  }
+
+  dispose(): void {
+    this.detach();
+    this.object.dispose();
+  }
+}
+
+/** The environment map among lamps that turns; null where none does. */
+export function turningOf(lamps: readonly Lamp[]): TurningLamp | null {
+  return lamps.find((lamp): lamp is TurningLamp => lamp instanceof TurningLamp) ?? null;
+}
