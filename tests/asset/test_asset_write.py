@@ -132,7 +132,9 @@ def test_broken_geometry_is_refused(scene, entry, variable):
 
 def test_wrong_extension_is_refused_before_writing(tmp_path, scene, entry, variable):
     variable["kind"] = "torch"
-    with pytest.raises(ValueError, match=r"variables\[0\]\.kind: 'torch' is not one of \['point', 'sun'\]"):
+    with pytest.raises(
+        ValueError, match=r"variables\[0\]\.kind: 'torch' is not one of \['point', 'sun', 'environment'\]"
+    ):
         write_glb(tmp_path / "room.glb", scene, [entry], [variable])
     assert list(tmp_path.iterdir()) == []
 

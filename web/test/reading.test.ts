@@ -95,7 +95,7 @@ describe("readExtension", () => {
 
   it.each([
     [5, "LIGHTWELL_neural_radiance: expected an object"],
-    [{ version: 1, variables: [{ kind: "moon" }] }, 'variables[0].kind: expected "point" or "sun"'],
+    [{ version: 1, variables: [{ kind: "moon" }] }, 'variables[0].kind: expected "point", "sun" or "environment"'],
     [
       { version: 1, variables: [{ kind: "point", low: [0, 0, Number.NaN] }] },
       "low[2]: expected a finite number",
