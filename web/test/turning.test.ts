@@ -1,8 +1,9 @@
 /** An environment map that turns: read, turned, drawn behind the scene. */
 
-import { angleInRange, angleOf, type Environment, FormatError, northAt, readExtension, SkyBackground, TurningLamp, turningOf, type TurningVariable } from "lightwell";
+import { angleInRange, angleOf, type Environment, FormatError, northAt, readExtension, SkyBackground, turningOf, type TurningVariable } from "lightwell";
 import { Color, DataUtils, Group, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
+import { TurningLamp } from "../runtime/src/turning-lamp.ts";
 import { EngineLight } from "../runtime/src/engines/engine-light.ts";
 import { readVariables, type Variable } from "../runtime/src/variables.ts";
 

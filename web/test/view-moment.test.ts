@@ -2,10 +2,11 @@
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import { hourAt, northAt, SunLamp, TurningLamp } from "lightwell";
+import { hourAt, northAt, SunLamp } from "lightwell";
 import { Box3, Group, Vector3 } from "three";
 import type { Browser } from "playwright-core";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { TurningLamp } from "../runtime/src/turning-lamp.ts";
 import { Placement } from "../runtime/src/placement.ts";
 import { readVariables, type SunVariable } from "../runtime/src/variables.ts";
 import { readPageData } from "../viewer/src/page-data.ts";

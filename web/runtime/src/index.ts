@@ -12,7 +12,7 @@ export {
 export { FieldProgram } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
 export type { LampAnimation, PlayOptions } from "./lamp-clips.ts";
-export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky } from "./lamp.ts";
+export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky, turningOf } from "./lamp.ts";
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions } from "./learned-scene.ts";
 export type { Look } from "./look.ts";
@@ -32,5 +32,6 @@ export { type LampRecord, type LampSetting, lampSettingsText, LampSwitch, MAX_SW
 export { clockText, hourAt, readClock, type Sky, skyAt } from "./sky.ts";
 export { SkyBackground } from "./sky-background.ts";
 export { angleInRange, angleOf, northAt, type TurningVariable } from "./turning.ts";
-export { TurningLamp, turningOf } from "./turning-lamp.ts";
-export { MAX_LAMPS, type PointVariable, type SunVariable, type Variable } from "./variables.ts";
+export type { TurningLamp } from "./turning-lamp.ts";
+export { MAX_LAMPS } from "./most.ts";
+export type { PointVariable, SunVariable, Variable } from "./variables.ts";

@@ -5,7 +5,8 @@ import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
 import { SHADOW_RADIUS } from "./shadow-lift.ts";
 import { levelAt, sunlightAt } from "./sky.ts";
-import { TurningLamp } from "./turning-lamp.ts";
+import type { TurningLamp } from "./turning-lamp.ts";
+import type { TurningVariable } from "./turning.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
 const POINT_SHADOW_SIZE = 1024;
@@ -47,9 +48,13 @@ export interface Lamp {
   dispose(): void;
 }
 
+/** The environment map among lamps that turns; null where none does. */
+export function turningOf(lamps: readonly Lamp[]): TurningLamp | null {
+  return (lamps.find(({ variable }) => variable.kind === "environment") ?? null) as TurningLamp | null;
+}
+
 /** The lamp of a declared light in a scene with the given bounds and the part of them that is looked at (of the root's space). */
-export function createLamp(variable: Variable, bounds: Box3, placement: Placement, core = bounds): Lamp {
-  if (variable.kind === "environment") return new TurningLamp(variable, placement.root);
+export function createLamp(variable: Exclude<Variable, TurningVariable>, bounds: Box3, placement: Placement, core = bounds): Lamp {
   return variable.kind === "point" ? new PointLamp(variable, bounds, placement, core) : new SunLamp(variable, bounds, placement, core);
 }
 

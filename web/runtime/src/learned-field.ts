@@ -17,7 +17,7 @@ import { evaluateFrame, frameLayout } from "./graph/frame.ts";
 import type { Graph } from "./graph/node.ts";
 import { only } from "./graph/part.ts";
 import type { StoredBuffer } from "./graph/stored.ts";
-import { MAX_LAMPS } from "./variables.ts";
+import { MAX_LAMPS } from "./most.ts";
 
 /** Where a field's weights live in the shader. */
 export type WeightPlacement = "inline" | "texture";

@@ -9,6 +9,8 @@ import type { Lightmap } from "./lightmap.ts";
 import type { Mover } from "./movers.ts";
 import { NO_LIGHT } from "./no-light.ts";
 import type { LampSwitch } from "./switches.ts";
+import type { TurningVariable } from "./turning.ts";
+import type { TurningLamp } from "./turning-lamp.ts";
 
 export type { Lightmap };
 
@@ -20,6 +22,8 @@ export interface LoadedLight extends NeuralRadiance {
   readonly moving: ((root: Object3D) => Mover[]) | null;
   /** Makes what plays animations of `lamps`; null where the file has none. */
   readonly playing: ((switches: readonly LampSwitch[]) => LampPlayer) | null;
+  /** Makes the lamp of the environment that turns; null where none does. */
+  readonly turning: ((variable: TurningVariable, root: Object3D) => TurningLamp) | null;
   /** The picture of `environment`; null where it has none. */
   readonly surrounding: EnvironmentPicture | null;
 }
@@ -27,5 +31,5 @@ export interface LoadedLight extends NeuralRadiance {
 /** The learned light that `LightwellLoaderPlugin` found in a file; an empty one when there is none. */
 export function learnedLight(gltf: GLTF): LoadedLight {
   const found = gltf.userData.lightwell as LoadedLight | undefined;
-  return found ?? { ...NO_LIGHT, moving: null, playing: null, surrounding: null, lightmaps: new Map() };
+  return found ?? { ...NO_LIGHT, moving: null, playing: null, turning: null, surrounding: null, lightmaps: new Map() };
 }

@@ -89,7 +89,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
     if (radiance || lightmaps.size > 0) {
       const moving = radiance?.movers.length ? await makerOf(radiance.movers, parser) : null;
       const playing = radiance?.lamps.length && (parser.json as GltfJson).animations ? await playerOf(radiance.lamps.length, parser) : null;
-      const loaded: LoadedLight = { ...(radiance ?? NO_LIGHT), lightmaps, moving, playing, surrounding: await surroundingOf(radiance, parser) };
+      const loaded: LoadedLight = { ...(radiance ?? NO_LIGHT), lightmaps, moving, playing, turning: await turningOf(radiance), surrounding: await surroundingOf(radiance, parser) };
       gltf.userData.lightwell = loaded;
     }
   }
@@ -106,6 +106,13 @@ async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Pro
   };
   const loaded = await Promise.all(records.map(load));
   return (root) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip));
+}
+
+/** What makes the lamp of an environment that turns, loaded where one does. */
+async function turningOf(radiance: NeuralRadiance | null): Promise<LoadedLight["turning"]> {
+  if (!radiance?.variables.some(({ kind }) => kind === "environment")) return null;
+  const { TurningLamp } = await import("./turning-lamp.ts");
+  return (variable, root) => new TurningLamp(variable, root);
 }
 
 /** The picture of what surrounds a scene. What decodes it is loaded where there is one. */

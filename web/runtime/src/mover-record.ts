@@ -1,7 +1,7 @@
 /** Reads what moves among the variables of a file: nodes and clips. */
 
 import { direction, fail, integer, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
-import { MAX_VARIABLES } from "./variables.ts";
+import { MAX_VARIABLES } from "./most.ts";
 
 interface Ranged {
   readonly name: string;

@@ -1,7 +1,7 @@
 /** Values of the nodes that move, as a text. */
 
 import type { Mover } from "./movers.ts";
-import { MAX_VARIABLES } from "./variables.ts";
+import { MAX_VARIABLES } from "./most.ts";
 
 /** Values by name from a text such as `Door:45;Slide:0.6`; what is malformed is left out. */
 export function readMoverValues(given: string | null): ReadonlyMap<string, number> {

@@ -6,9 +6,7 @@ import { coreOf } from "./core.ts";
 import type { Environment } from "./environment.ts";
 import type { FieldRecord } from "./extension.ts";
 import type { LampAnimation, LampClip, LampPlayer, PlayOptions } from "./lamp-clips.ts";
-import { angleInRange, northAt } from "./turning.ts";
-import { turningOf } from "./turning-lamp.ts";
-import { createLamp, type Lamp, ShadowKeeper, sunsWithSky } from "./lamp.ts";
+import { createLamp, type Lamp, ShadowKeeper, sunsWithSky, turningOf } from "./lamp.ts";
 import type { LearnedField, WeightPlacement } from "./learned-field.ts";
 import type { LitObjects, LitParts } from "./lit-objects.ts";
 import { type Lightmap, type LoadedLight, learnedLight } from "./loaded-light.ts";
@@ -20,7 +18,8 @@ import { boundsOf, Placement } from "./placement.ts";
 import { readClock, timeOfHour } from "./sky.ts";
 import { type LampSetting, type LampSwitch, Switches } from "./switches.ts";
 import type { SurfaceMaterials } from "./surface-materials.ts";
-import { MAX_LAMPS, type Variable } from "./variables.ts";
+import type { Variable } from "./variables.ts";
+import { MAX_LAMPS } from "./most.ts";
 
 /** Which parts of the light are shown. */
 export interface Parts {
@@ -99,7 +98,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /** `make`: prints a field, given its number and how many there are. */
   protected constructor(gltf: GLTF, options: SceneOptions<R>, make: (record: FieldRecord, index: number, count: number) => F) {
-    const { variables, moving, playing, lamps, fields, probes, lightmaps, exposure, core, environment, surrounding } = learnedLight(gltf);
+    const { variables, moving, playing, turning, lamps, fields, probes, lightmaps, exposure, core, environment, surrounding } = learnedLight(gltf);
     this.probes = probes;
     this.exposure = exposure;
     this.ownLamps = new Switches(lamps);
@@ -115,7 +114,9 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.bounds = boundsOf(this.root);
     this.core = coreOf(core, this.bounds);
     this.movers = moving?.(this.root) ?? [];
-    this.lamps = variables.map((variable) => createLamp(variable, this.bounds, this.placement, this.core));
+    this.lamps = variables.map((variable) =>
+      variable.kind === "environment" ? turning!(variable, this.root) : createLamp(variable, this.bounds, this.placement, this.core),
+    );
     this.fields = fields.map((record, i) => make(record, i, fields.length));
   }
 
@@ -313,10 +314,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
    * not, nothing changes.
    */
   setEnvironmentRotation(degrees: number): boolean {
-    const map = turningOf(this.lamps);
-    const angle = map && angleInRange(map.variable, degrees);
-    if (angle !== null) map!.move(new Vector3(...northAt(angle)));
-    return angle !== null;
+    return turningOf(this.lamps)?.turn(degrees) ?? false;
   }
 
   /** The switch of an object under the root, such as one that a ray has met; null where it belongs to none. */

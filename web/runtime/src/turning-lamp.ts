@@ -2,7 +2,7 @@
 
 import { AmbientLight, Color, Vector3 } from "three";
 import type { Lamp } from "./lamp.ts";
-import { angleOf, northAt, type TurningVariable } from "./turning.ts";
+import { angleInRange, angleOf, northAt, type TurningVariable } from "./turning.ts";
 
 /** The map has been turned by hand when its north is farther from where it was put. */
 const MOVED = 1e-5;
@@ -37,6 +37,13 @@ export class TurningLamp implements Lamp {
   /** Angle by which the map is turned, degrees clockwise seen from above. */
   get angle(): number {
     return angleOf(this.variable, this.value.toArray());
+  }
+
+  /** Turn the map: degrees clockwise seen from above. Returns whether it is turned so far; where it is not, nothing changes. */
+  turn(degrees: number): boolean {
+    const angle = angleInRange(this.variable, degrees);
+    if (angle !== null) this.move(new Vector3(...northAt(angle)));
+    return angle !== null;
   }
 
   attach(): void {
@@ -74,9 +81,4 @@ export class TurningLamp implements Lamp {
     this.detach();
     this.object.dispose();
   }
-}
-
-/** The environment map among lamps that turns; null where none does. */
-export function turningOf(lamps: readonly Lamp[]): TurningLamp | null {
-  return lamps.find((lamp): lamp is TurningLamp => lamp instanceof TurningLamp) ?? null;
 }

@@ -1,6 +1,7 @@
 /** What may move at run time: the declared lights of a baked asset. */
 
 import { direction, fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
+import { MAX_VARIABLES } from "./most.ts";
 import { readSky, type Sky } from "./sky.ts";
 import { readTurning, type TurningVariable } from "./turning.ts";
 
@@ -41,12 +42,6 @@ export interface SunVariable {
 }
 
 export type Variable = PointVariable | SunVariable | TurningVariable;
-
-/** Largest number of declared lights: each one costs a shadow map and an evaluation of its field. */
-export const MAX_VARIABLES = 4;
-
-/** Largest number of lamps in a scene: those of the declared lights, and more of the same kind. */
-export const MAX_LAMPS = 4;
 
 const MAX_INTENSITY = 1e12;
 

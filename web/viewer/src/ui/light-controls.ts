@@ -1,6 +1,6 @@
 /** Controls of one declared light. */
 
-import { clockText, hourAt, type Lamp, northAt, SunLamp, TurningLamp } from "lightwell";
+import { clockText, hourAt, type Lamp, northAt, SunLamp, turningOf } from "lightwell";
 import { Color, Vector3 } from "three";
 import type { Viewer } from "../viewer.ts";
 import { createSection, createSlider } from "./controls.ts";
@@ -60,8 +60,9 @@ export function createLightControls(viewer: Viewer, index: number): HTMLElement 
 
 /** The slider of a lamp that has one range: a sun along its path, a map that turns. Args: the lamp; takes its new value. */
 function createPath(lamp: Lamp, move: (value: Vector3) => void): { element: HTMLElement; update(): void } | null {
-  if (lamp instanceof TurningLamp) {
-    const { range } = lamp.variable;
+  const map = turningOf([lamp]);
+  if (map) {
+    const { range } = map.variable;
     let shown = Number.NaN;
     const turn = (angle: number) => {
       shown = angle;
@@ -70,8 +71,8 @@ function createPath(lamp: Lamp, move: (value: Vector3) => void): { element: HTML
     const slider = createSlider("Rotation", [...range, 1], (angle) => `${Math.round(angle)}°`, turn);
     const update = () => {
       // Both ends of a whole turn are one direction: the slider stays where it was put.
-      const away = Math.abs(lamp.angle - shown) % 360;
-      if (!(Math.min(away, 360 - away) < SAME_ANGLE)) shown = lamp.angle;
+      const away = Math.abs(map.angle - shown) % 360;
+      if (!(Math.min(away, 360 - away) < SAME_ANGLE)) shown = map.angle;
       slider.set(shown);
     };
     return { element: slider.element, update };
