@@ -138,7 +138,7 @@ class KeyAtlas:
         inside = irradiance(lit_scene(scene)[0], covered.points, 16, SEED)
         mean = self.arriving.mean(axis=1)
         light = replace(inside, half_a=mean, half_b=mean, direction=np.zeros_like(mean))
-        kept = stored_texels(scene, covered, light, SEED)
+        kept = stored_texels(scene, atlas, covered, light, SEED)
         self.made = AtlasIrradiance(atlas, covered, light, kept, ~matte(scene)[covered.points.shape])
         self.images = [light_image(self.made, values=self.arriving[:, t]) for t in range(len(times.time))]
         self._scene, self._mask = scene, encode(mask_image(self.made), "webp", 0)

@@ -47,8 +47,8 @@ from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
 from lightwell.scenes.lamp_clips import lamp_clips
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.turning import with_turning
 from lightwell.scenes.variables import by_light, to_json
+from lightwell.transport.environment import with_turning
 
 if TYPE_CHECKING:
     from lightwell.baking.comparison import CompareSettings

@@ -13,8 +13,8 @@ from lightwell.rendering.settings import RenderSettings
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.turning import with_turning
 from lightwell.scenes.variables import Variable, declare
+from lightwell.transport.environment import with_turning
 
 
 @dataclass(frozen=True)

@@ -6,22 +6,14 @@ fields read where its north has turned to, a unit vector: cosine and sine of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from lightwell.core.environment_text import ENVIRONMENT, ROTATED, turn_range
-
-if TYPE_CHECKING:
-    from lightwell.scenes.scene import Scene
+from lightwell.core.environment_text import ENVIRONMENT, ROTATED
 
 # An angle counts as inside of a range that it misses by less, degrees: directions are stored in single precision.
 NEAR = 1e-3
-# Rows of the picture by which a map is told from a constant sky, and the difference that is none, relative to its
-# brightest direction.
-ROWS, SAME = 64, 1e-4
 
 
 @dataclass(frozen=True)
@@ -97,40 +89,3 @@ class Turning:
         """
         share = np.asarray(u).reshape(-1)
         return self.direction(self.first + share * (self.last - self.first)).astype(np.float32)
-
-
-def with_turning(scene: Scene, texts: Sequence[str]) -> Scene:
-    """Take the environment map out of a scene's own emitters where declarations turn it.
-
-    Args:
-        scene: The scene; not changed.
-        texts: Declarations, see ``core.vary.parse_vary``.
-
-    Returns:
-        A copy without the map as an emitter, which is its ``surrounding``; the scene itself where none turns.
-
-    Raises:
-        ValueError: The scene has no environment map, or it is the same in all directions.
-    """
-    if not any(turn_range(text) for text in texts):
-        return scene
-    from lightwell.backend import mi
-    from lightwell.transport.environment import environment_picture
-
-    map_ = scene.mi.environment()
-    if map_ is None:
-        raise ValueError(
-            f"vary: scene '{scene.name}' has no environment map that could turn; add an <emitter type=\"envmap\"> to a "
-            f"Mitsuba scene, or drop {ROTATED}"
-        )
-    picture = environment_picture(scene, ROWS)
-    if picture is None or np.ptp(picture.mean(axis=0), axis=0).max() <= SAME * picture.max():
-        raise ValueError(
-            f"vary: the environment of scene '{scene.name}' does not change when it turns; give it a picture, or drop "
-            f"{ROTATED}"
-        )
-    kept = [e for e in scene.mi.emitters() if not e.is_environment() and e.get_shape() is None]
-    parts = {f"mesh_{k:06d}": shape for k, shape in enumerate(scene.mi.shapes())}
-    parts |= {f"emitter_{k:06d}": emitter for k, emitter in enumerate(kept)}
-    made = mi.load_dict({"type": "scene", **parts}, optimize=False)
-    return replace(scene, mi=made, surrounding=map_, digest=f"{scene.digest}:{ROTATED}")

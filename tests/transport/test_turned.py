@@ -9,9 +9,10 @@ from lightwell.backend import mi
 from lightwell.scenes.default_light import under_sky
 from lightwell.scenes.lamps import own_lights
 from lightwell.scenes.placing import held_out_lights, sample_lights
-from lightwell.scenes.turning import Turning, with_turning
+from lightwell.scenes.turning import Turning
 from lightwell.scenes.variables import declare, from_json, to_json
 from lightwell.transport import direct, draw_surface, indirect
+from lightwell.transport.environment import with_turning
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings

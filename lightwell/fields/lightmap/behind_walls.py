@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from lightwell.backend import mi
+from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import upload
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.point_rejection import covered as touched
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
-from lightwell.transport.texels import Texels
+from lightwell.transport.texels import Texels, texel_points
 
 # A neighbour that gets so many times the light may be on the other side of a wall.
 BRIGHTER = 10.0
@@ -38,7 +39,7 @@ STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def behind_walls(
-    scene: Scene, covered: Texels, brightness: np.ndarray, stored: np.ndarray, black: float, seed: int
+    scene: Scene, atlas: Atlas, covered: Texels, brightness: np.ndarray, stored: np.ndarray, black: float, seed: int
 ) -> np.ndarray:
     """Find black texels beside a lit one of the same chart, with a wall between the two, and the next black ones.
 
@@ -47,6 +48,7 @@ def behind_walls(
 
     Args:
         scene: The scene.
+        atlas: The atlas.
         covered: K covered texels.
         brightness: [K] irradiance / π, mean over the channels.
         stored: [K] bool: texels whose light counts.
@@ -67,7 +69,8 @@ def behind_walls(
     if not len(rows):
         return found
     # Where few paths found no light by chance, more do.
-    certain = irradiance(scene, covered.points[rows], CERTAIN_PATHS, seed).mean.mean(axis=1) < black
+    recipe = texel_points(atlas, len(covered.index), rows)
+    certain = irradiance(scene, covered.points[rows], CERTAIN_PATHS, seed, recipe).mean.mean(axis=1) < black
     found[rows[certain]] = True
     found[dark[found[lit] & (brightness[dark] < black)]] = True
     return found & stored

@@ -90,7 +90,7 @@ def chart(
     covered = texels(scene, atlas)
     light = (keep or (lambda make: make()))(lambda: _everywhere(scene, atlas, covered, paths, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
-    return AtlasIrradiance(atlas, covered, light, stored_texels(scene, covered, light, seed), glossy)
+    return AtlasIrradiance(atlas, covered, light, stored_texels(scene, atlas, covered, light, seed), glossy)
 
 
 def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: int) -> Irradiance:
@@ -134,7 +134,7 @@ def traced_again(
 
     Args:
         scene: The scene.
-        atlas: Its atlas.
+        atlas: The atlas.
         covered: K covered texels.
         before: Irradiance at all of them.
         rows: [R] increasing numbers of the texels to trace.
@@ -196,7 +196,7 @@ def diffuse_albedo(query: Query) -> np.ndarray:
     return np.clip(color * (1 - query.metallic), 0, 1)
 
 
-def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
+def stored_texels(scene: Scene, atlas: Atlas, covered: Texels, light: Irradiance, seed: int) -> np.ndarray:
     """Find the texels to store: finite light, not inside closed objects and, where they are black, visible from
     somewhere.
 
@@ -205,6 +205,7 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
 
     Args:
         scene: The scene.
+        atlas: The atlas.
         covered: K covered texels.
         light: Irradiance at the texels.
         seed: Seed of the sampler.
@@ -221,7 +222,7 @@ def stored_texels(scene: Scene, covered: Texels, light: Irradiance, seed: int) -
         hidden = dark[~stored[dark]]
         hidden = hidden[in_rooms(scene, covered.points[hidden])]
         stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
-        stored &= ~behind_walls(scene, covered, np.nan_to_num(brightness), stored, black, seed)
+        stored &= ~behind_walls(scene, atlas, covered, np.nan_to_num(brightness), stored, black, seed)
     return stored & ~under_bodies(scene, covered, np.nan_to_num(brightness), stored, seed)
 
 

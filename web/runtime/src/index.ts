@@ -12,7 +12,7 @@ export {
 export { FieldProgram } from "./field-program.ts";
 export { BUDGET, type Budget, type Graph, type GraphNode, type StoredBuffer } from "./graph/index.ts";
 export type { LampAnimation, PlayOptions } from "./lamp-clips.ts";
-export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky, turningOf } from "./lamp.ts";
+export { createLamp, type Lamp, PointLamp, SunLamp, sunsWithSky } from "./lamp.ts";
 export { LearnedField, type WeightPlacement } from "./learned-field.ts";
 export { LearnedScene, type LearnedSceneOptions } from "./learned-scene.ts";
 export type { Look } from "./look.ts";
@@ -33,5 +33,6 @@ export { clockText, hourAt, readClock, type Sky, skyAt } from "./sky.ts";
 export { SkyBackground } from "./sky-background.ts";
 export { angleInRange, angleOf, northAt, type TurningVariable } from "./turning.ts";
 export type { TurningLamp } from "./turning-lamp.ts";
+export { turningOf } from "./turning-of.ts";
 export { MAX_LAMPS } from "./most.ts";
 export type { PointVariable, SunVariable, Variable } from "./variables.ts";

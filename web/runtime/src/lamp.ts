@@ -5,7 +5,6 @@ import { Arc } from "./arc.ts";
 import type { Placement } from "./placement.ts";
 import { SHADOW_RADIUS } from "./shadow-lift.ts";
 import { levelAt, sunlightAt } from "./sky.ts";
-import type { TurningLamp } from "./turning-lamp.ts";
 import type { TurningVariable } from "./turning.ts";
 import type { PointVariable, SunVariable, Variable } from "./variables.ts";
 
@@ -46,11 +45,6 @@ export interface Lamp {
   /** Carry `color` and `intensity` over to the three.js light. */
   tint(): void;
   dispose(): void;
-}
-
-/** The environment map among lamps that turns; null where none does. */
-export function turningOf(lamps: readonly Lamp[]): TurningLamp | null {
-  return (lamps.find(({ variable }) => variable.kind === "environment") ?? null) as TurningLamp | null;
 }
 
 /** The lamp of a declared light in a scene with the given bounds and the part of them that is looked at (of the root's space). */

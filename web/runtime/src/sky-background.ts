@@ -2,9 +2,10 @@
 
 import { ClampToEdgeWrapping, DataTexture, DataUtils, EquirectangularReflectionMapping, HalfFloatType, LinearFilter, RepeatWrapping, RGBAFormat } from "three";
 import type { Environment } from "./environment.ts";
-import { type Lamp, type SunLamp, sunsWithSky, turningOf } from "./lamp.ts";
+import { type Lamp, type SunLamp, sunsWithSky } from "./lamp.ts";
 import { skyAt } from "./sky.ts";
 import type { TurningLamp } from "./turning-lamp.ts";
+import { turningOf } from "./turning-of.ts";
 
 /** Columns and rows of the picture: rows of 0.7 degrees, so that the horizon is a line. That of an environment has its own. */
 const WIDTH = 128;
