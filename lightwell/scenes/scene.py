@@ -224,8 +224,8 @@ class Scene:
     movers: tuple[Mover, ...] = ()
     """What a bake moves (``lightwell.scenes.posing``). The records are at rest."""
     surrounding: Any = field(default=None, repr=False, compare=False)
-    """``mitsuba.Emitter`` of the environment map where that turns (``lightwell.transport.environment``): it is then no emitter
-    of ``mi``. None: what surrounds the scene stands still."""
+    """``mitsuba.Emitter`` of the environment map where that turns (``lightwell.transport.environment``): it is then no
+    emitter of ``mi``. None: what surrounds the scene stands still."""
     executor: RowExecutor | None = field(default=None, init=False, repr=False, compare=False)
     """Where work on the scene runs that can be divided by rows; None: in this process."""
     cache: SceneCache = field(default_factory=SceneCache, init=False, repr=False, compare=False)
