@@ -11,8 +11,8 @@ import pytest
 from lightwell.asset.read import read_fields
 from lightwell.asset.schema import validate
 from lightwell.asset.validate import validate_file
-from lightwell.backend import mi
 from lightwell.baking.pipeline import bake
+from lightwell.core.image_io import write_picture
 from lightwell.rendering.path import render_path
 from lightwell.rendering.settings import RenderSettings
 from lightwell.scenes.turning import Turning
@@ -34,7 +34,7 @@ def scene(tmp_path_factory) -> str:
     folder = tmp_path_factory.mktemp("mapped")
     texels = np.full((16, 32, 3), 0.2, np.float32)
     texels[4:8, 2:6] = (6, 5, 4)
-    mi.Bitmap(texels).write(str(folder / "map.exr"))
+    write_picture(folder / "map.exr", texels)
     (folder / "scene.xml").write_text(SCENE)
     return str(folder / "scene.xml")
 
