@@ -49,11 +49,12 @@ class MaterialTable:
             Index of the glTF material.
         """
         entry: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": self._metallic_roughness(material)}
-        if material.normal_texture is not None and not material.unlit:
+        if material.normal_texture is not None:
             entry["normalTexture"] = self._texture_info(material.normal_texture)
             if material.normal_scale != 1:
                 entry["normalTexture"]["scale"] = material.normal_scale
-        extensions = {"KHR_materials_unlit": {}} if material.unlit else _lobes(material)
+        # What is unlit in the scene's file was lit by the path tracer: viewers must light it too.
+        extensions = _lobes(material)
         strength = self._add_emission(entry, material)
         if strength > 1:
             extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
@@ -72,7 +73,7 @@ class MaterialTable:
         }
         if material.base_color_texture is not None:
             entry["baseColorTexture"] = self._texture_info(material.base_color_texture)
-        if material.metallic_roughness_texture is not None and not material.unlit:
+        if material.metallic_roughness_texture is not None:
             entry["metallicRoughnessTexture"] = self._texture_info(material.metallic_roughness_texture)
         return entry
 

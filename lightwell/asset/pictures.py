@@ -50,7 +50,7 @@ def add_texture(document: dict[str, Any], binary: Binary, picture: Picture) -> i
 
 
 def add_fallback(document: dict[str, Any], binary: Binary, fallback: Fallback) -> None:
-    """Reference the fallback light map from every material that is not unlit.
+    """Reference the fallback light map from every material.
 
     Args:
         document: glTF JSON with its materials.
@@ -59,9 +59,7 @@ def add_fallback(document: dict[str, Any], binary: Binary, fallback: Fallback) -
     """
     info = {"index": add_texture(document, binary, fallback.picture), "texCoord": TEX_COORD}
     for material in document.get("materials", []):
-        extensions = material.setdefault("extensions", {})
-        if "KHR_materials_unlit" not in extensions:
-            extensions[LIGHTMAP] = {**info, "intensity": float(fallback.intensity)}
+        material.setdefault("extensions", {})[LIGHTMAP] = {**info, "intensity": float(fallback.intensity)}
     _use(document, LIGHTMAP)
 
 
