@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -24,6 +25,8 @@ WARM_FRAMES, TIMED_FRAMES = 24, 20
 BEST_BUDGET, SIMULATED_BUDGET = "60s", "4s"
 # Tests are stopped before the stage is, so that their summary is kept.
 TEST_SECONDS = 185
+# Processes of the tests, where pytest-xdist is installed.
+TEST_PROCESSES = "4"
 
 Measure = Callable[[Record, bool], None]
 
@@ -51,6 +54,8 @@ def tests(record: Record, simulate: bool) -> None:
     files = [str(path) for path in gpu_test_files()]
     command = [sys.executable, "-m", "pytest", "-m", "gpu", "-o", "addopts=", "-p", "no:cacheprovider", *files]
     command += ["-k", "lit_plane or variant"] if simulate else []
+    # The compiler takes most of the time, so that processes side by side help; it makes no benchmark.
+    command += ["-n", TEST_PROCESSES, "-p", "no:benchmark"] if find_spec("xdist") and not simulate else []
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         text, _ = process.communicate(timeout=TEST_SECONDS)

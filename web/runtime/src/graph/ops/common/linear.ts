@@ -130,6 +130,15 @@ export const linear: Op = {
   },
 };
 
+/** Writes all products of a matrix of the frame out: beside weights in the text, loops would index arrays. */
+function printWrittenOut(printer: Printer, out: Value, m: Value, a: Value): void {
+  for (let o = 0; o < out.blocks; o++) {
+    const rows = (i: number) => [0, 1, 2, 3].map((r) => `dot(${m.block((4 * o + r) * a.blocks + i)}, ${a.block(i)})`);
+    const terms = Array.from({ length: a.blocks }, (_, i) => printer.vec4(...rows(i)));
+    printer.store(out, o, terms.join("\n    + "));
+  }
+}
+
 /** Reads a matrix of the frame in loops: it may live in a texture, where unrolled fetches are ruinous. */
 function printLoopedMatvec(printer: Printer, out: Value, m: Value, a: Value, language: Language): void {
   printer.zeros(out);
@@ -159,7 +168,8 @@ export const matvec: Op = {
   print(use, printer, out, [matrix, vector], language) {
     const columns = use.widths[1]!;
     if (matrix!.storage === "call" && columns % 4 === 0 && out.width % 4 === 0) {
-      printLoopedMatvec(printer, out, matrix!, printer.indexable(vector!), language);
+      if (printer.weights === "inline") printWrittenOut(printer, out, matrix!, vector!);
+      else printLoopedMatvec(printer, out, matrix!, printer.indexable(vector!), language);
       return;
     }
     const [m, a] = [printer.local(matrix!), vector];
