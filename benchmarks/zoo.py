@@ -28,7 +28,7 @@ from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rows import Row, at_least, at_most, markdown, publish
+from rows import Row, at_least, at_most, markdown, publish, without_bar
 from zoo_scenes import CREDITS, HELD_OUT, SUBSET, scenes
 from zoo_score import DIFFERENCE, VIEWS
 
@@ -51,6 +51,11 @@ BARS = {
     "relative_error": ("relative error", min, 0.08, 0.2, "of 1"),
     "bytes": ("bytes", min, 300_000, 300_000, "B"),
     "macs": ("multiply-adds per pixel", min, 1500, 1500, "MAC"),
+}
+# Those of the page in a browser, beside its own references (zoo_page.py); nothing asks for a value of them.
+PAGE_FIGURES = {
+    "page_flip": ("FLIP of the page in a browser, mean of its views", 90, ""),
+    "page_psnr": ("PSNR of the page in a browser", 10, "dB"),
 }
 # Those that are asked of a light map, whose reference is that of its own bake.
 LIGHT_MAP_BARS = {
@@ -83,6 +88,9 @@ def run_scene(name: str, source: str, out: Path, quality: str, field: str | None
         scorer = Path(__file__).with_name("zoo_score.py")
         code, message = _process([sys.executable, str(scorer), source, str(folder)])
         row |= json.loads((folder / "quality.json").read_text()) if code == 0 else {"exit": code, "message": message}
+    if code == 0:
+        code, message = _process([sys.executable, str(Path(__file__).with_name("zoo_page.py")), str(folder)])
+        row |= json.loads((folder / "page.json").read_text()) if code == 0 else {"page": message}
     path.write_text(json.dumps(row))
     return row
 
@@ -114,21 +122,22 @@ def _process(command: list[str]) -> tuple[int, str]:
 def table(rows: list[dict]) -> str:
     """All rows as a Markdown table."""
     lines = [
-        "| scene | PSNR dB | FLIP (direct alone) | mottle | leak | error (noise) | bytes | MAC | s |",
-        "|---" * 9 + "|",
+        "| scene | PSNR dB | FLIP (direct alone) | page | mottle | leak | error (noise) | bytes | MAC | s |",
+        "|---" * 10 + "|",
     ]
     number = lambda value, form: "–" if value is None else format(value, form)  # noqa: E731
     for row in rows:
         mark = " *" if row["scene"] in HELD_OUT else ""
         if row["exit"]:
-            lines.append(f"| {row['scene']}{mark} | {row['message']} | | | | | | | {row['seconds']:.0f} |")
+            lines.append(f"| {row['scene']}{mark} | {row['message']} | | | | | | | | {row['seconds']:.0f} |")
             continue
         flip = f"{number(row['flip'], '.3f')} ({number(row['flip_direct'], '.3f')})"
         error = f"{number(row['relative_error'], '.3f')} ({number(row['noise_floor'], '.3f')})"
         bounds = row.get("bounds", {})
         psnr = ("≥ " if "psnr_db" in bounds else "") + number(row["psnr_db"], ".1f")
         mottle = f"≤ {bounds['mottle']:.3f}" if "mottle" in bounds else number(row["mottle"], ".3f")
-        cells = [row["scene"] + mark, psnr, flip, mottle]
+        page = "none" if row.get("page") else number(row.get("page_flip"), ".3f")
+        cells = [row["scene"] + mark, psnr, flip, page, mottle]
         cells += [number(row["leak"], ".4f"), error, f"{row['bytes']:,}", f"{row['macs']:,}", f"{row['seconds']:.0f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -144,6 +153,13 @@ def figures(rows: list[dict], bars: dict[str, tuple]) -> list[Row]:
         found.append(at(f"zoo, median: {what}", median, float(np.median(values)) if values else None, unit, note))
         worst = float(np.percentile(values, quantile)) if values else None
         found.append(at(f"zoo, 90th percentile: {what}", tail, worst, unit, note))
+    for key, (what, quantile, unit) in PAGE_FIGURES.items():
+        values = [row[key] for row in rows if row.get(key) is not None]
+        for name, at in (("median", 50), (f"{max(quantile, 100 - quantile)}th percentile", quantile)):
+            value = float(np.percentile(values, at)) if values else None
+            found.append(without_bar(f"zoo, {name}: {what}", value, unit, f"{len(values)} scenes"))
+    undrawn = [row["scene"] for row in rows if row.get("page")]
+    found.append(at_most("zoo: pages that do not draw", 0, len(undrawn), "pages", ", ".join(undrawn)))
     failed = [row["scene"] for row in rows if row["exit"]]
     late = [row["seconds"] / (WALL_FACTOR * row["budget"] + WALL_SECONDS) for row in rows if "budget" in row]
     found.append(at_most(f"zoo, longest: {WALL}", 1.0, max(late, default=None), "of 1", f"{len(late)} scenes"))
@@ -172,9 +188,9 @@ out those that are missing. Code measured: commit {", ".join(sorted({row["commit
 {markdown("zoo")}
 
 PSNR: displayed indirect light, noise of the reference taken off. FLIP: the whole picture, and in brackets what direct
-light alone scores. Mottle: blotches on smooth lit patches. Leak: light in the darkest quarter of the surface, relative
-to the mean. Error: mean relative error over all surfaces, and that of the reference itself. s: wall time of the bake on
-two cores.
+light alone scores. Page: FLIP of the page in a browser beside the reference that it carries, mean of its views.
+Mottle: blotches on smooth lit patches. Leak: light in the darkest quarter of the surface, relative to the mean. Error:
+mean relative error over all surfaces, and that of the reference itself. s: wall time of the bake on two cores.
 
 """
     (ROOT / "docs" / "zoo.md").write_text(text + table(rows) + "\n\n" + "\n\n".join(shown) + "\n")
