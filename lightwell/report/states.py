@@ -45,10 +45,13 @@ def _sweep_chart(numbers: Mapping[str, Any], views: Sequence[ViewComparison]) ->
     """The error along the sweep: of a light, or of the first thing that moves."""
     axis, rows = numbers["sweep_axis"], numbers["sweep"]
     chart = _curve(rows, axis, "Error along the sweep of the light", "noise_floor")
+    moved = next((m["name"] for m in numbers["facts"].get("movers", ()) if f"{m['name']}, {m['unit']}" == axis), None)
     caption = {
         HOURS: "Error over the hours of the day, at times that were not learned",
         DEGREES: "Error over the turn of the environment, at angles that were not learned",
     }.get(axis, "Error at held-out positions along the sweep")
+    # The first thing that moves takes the place of the light: its light stands still then.
+    caption = f"Error over the range of {moved} of what stands still, under one light" if moved else caption
     worst = _worst(rows)
     told = [caption, *_worst_words(worst, axis, "noise_floor")]
     # Parts of the day stand under the chart of its hours, wherever that is.
@@ -74,9 +77,8 @@ def _mover_chart(mover: Mapping[str, Any], views: Sequence[ViewComparison]) -> d
     told = [f"Error over the range of {name}", *_worst_words(worst, axis, "noise")]
     for stop in mover.get("end_stops", ()):
         if stop["leak"] is not None:
-            told.append(
-                f"at {digits(stop['value'])} {percent(stop['leak'])} of the light of the other end leaks into the dark"
-            )
+            leak = percent(stop["leak"])
+            told.append(f"at {_value(stop['value'], axis)} {leak} of the light of the other end leaks into the dark")
     svg = _curve(rows, axis, f"Error over {name}", "noise")
     return {"svg": svg, "caption": "; ".join(told) + ".", "example": _example(worst, axis, views)}
 
@@ -128,7 +130,8 @@ def _worst_words(worst: Mapping[str, Any] | None, axis: str, floor: str) -> list
 def _value(value: float, axis: str) -> str:
     if axis == HOURS:
         return clock(value)
-    return f"{digits(value)}°" if axis.endswith("degrees") else digits(value)
+    unit = {"degrees": "°", "metres": "\u202fm"}.get(axis.rpartition(", ")[2], "")
+    return f"{digits(value)}{unit}"
 
 
 def _parts_of_day(facts: Mapping[str, Any]) -> str:

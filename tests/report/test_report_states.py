@@ -64,9 +64,10 @@ def test_a_day_beside_a_door_has_a_chart_of_its_own(tmp_path, data):
     states = [{"at": hour, "lights": 4, "relative_error": e, "noise_floor": 0.02} for hour, e in ((6, 0.3), (12, 0.1))]
     facts = {"errors_over_lights": [{"axis": HOURS, "states": states}], "times_of_day": PARTS, "movers": [DOOR]}
     page = page_of(tmp_path, data, {"Door, degrees": 45.0}, sweep_axis="Door, degrees", facts=facts)
+    assert "over the range of Door of what stands still, under one light; worst at 0.500° with 6.00 %" in page
     assert "worst at 06:00 with 30.0 %" in figure_with(page, "over the hours of the day")
-    door = figure_with(page, "over the range of Door")
-    assert "worst at 45.0° with 30.0 % (noise floor 2.00 %); at 0 0.400 % of the light" in door
+    door = figure_with(page, "over the range of Door;")
+    assert "worst at 45.0° with 30.0 % (noise floor 2.00 %); at 0° 0.400 % of the light" in door
     assert "</strong>, at 45.0°." in door and page.count("Twilight 12.8 %") == 1
 
 
