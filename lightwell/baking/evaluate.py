@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lightwell.baking.light_states import axis_value
 from lightwell.baking.reference_budget import EVALUATION_SEED
 from lightwell.core.sun_path import LOWEST, clock
 from lightwell.fields.baked import Baked
 from lightwell.fields.protocol import Fit, Lowered
 from lightwell.report.records import PointComparison, ViewComparison, ViewPicture, ViewSurfaces
-from lightwell.report.summary import point_scores
 from lightwell.scenes.movers import Mover
 from lightwell.scenes.placing import held_out_lights, initial_light, reached_part, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Sun, Turning, Variable, declare, has_sky
+from lightwell.scenes.variables import Turning, Variable, declare, has_sky
 from lightwell.transport import Query, SurfacePoints, indirect
 from lightwell.transport.camera import gbuffer
 
@@ -31,8 +32,6 @@ NO_REGION = -1
 BLENDED = 0.01
 # Held-out lights that a view may have; of so many that reach most of it, the brightest is found by paths.
 VIEW_LIGHTS, TRACED_LIGHTS = 32, 4
-# Parts of a day: elevation of the sun from, to; degrees.
-PARTS_OF_DAY = (("twilight", -90.0, 0.0), ("low sun", 0.0, 10.0), ("day", 10.0, 91.0))
 # Points of a picture that are evaluated at a time.
 BLOCK = 1 << 19
 
@@ -175,6 +174,7 @@ def compare_view(
     number: int,
     objects: Sequence[str] = (),
     display: DisplayView | None = None,
+    states: Mapping[str, float] = MappingProxyType({}),
 ) -> ViewComparison:
     """Compare the learned light of all roles with the reference in one view, for a light of 1 cd (1 lx).
 
@@ -188,6 +188,7 @@ def compare_view(
         number: Number of the view.
         objects: Names of the meshes of the scene.
         display: The view for display; None: the scored one is shown.
+        states: What it shows of what varies.
 
     Returns:
         The comparison.
@@ -200,10 +201,10 @@ def compare_view(
     prediction, a, b = images.reshape(3, height, width, 3)
     regions, blend = _regions(queries[0], reference.seen, fields[0].baked, size)
     if display is None:
-        return ViewComparison(name, prediction, a, b, regions, blend, caption)
+        return ViewComparison(name, prediction, a, b, regions, blend, caption, states=states)
     picture = ViewPicture(display.picture(_total(fields, display.points, stage, number)), display.reference)
     surfaces = ViewSurfaces(display.shape, display.position, objects)
-    return ViewComparison(name, prediction, a, b, regions, blend, caption, picture, surfaces)
+    return ViewComparison(name, prediction, a, b, regions, blend, caption, picture, surfaces, states)
 
 
 def _total(fields: Sequence[Shipped], points: SurfacePoints, stage: ViewSetup, number: int) -> np.ndarray:
@@ -291,42 +292,6 @@ def object_names(scene: Scene) -> list[str]:
     return [mesh.name or f"mesh {k}" for k, mesh in enumerate(scene.meshes)]
 
 
-def _axis_value(variable: Variable | None, light: np.ndarray) -> float | None:
-    """Hour of a day, degrees of an environment map; None where the place on the chain says as much."""
-    if isinstance(variable, Turning):
-        return float(variable.angle(light))
-    return variable.hour(light) if has_sky(variable) else None
-
-
-def times_of_day(comparison: PointComparison, lights: np.ndarray, variable: Sun, unit: float) -> list[dict[str, Any]]:
-    """Compute the error of a field over parts of the day, at held-out points and times.
-
-    Args:
-        comparison: N points.
-        lights: [N, 3] direction to the sun at each.
-        variable: A sun with a sky.
-        unit: Radiance unit S.
-
-    Returns:
-        Name, number of times, error and noise floor of each part that the path has.
-    """
-    height = np.degrees(np.arcsin(np.clip(lights[:, 1], -1, 1)))
-    found = []
-    for name, low, high in PARTS_OF_DAY:
-        rows = np.flatnonzero((height >= low) & (height < high))
-        if not len(rows):
-            continue
-        c = comparison
-        part = PointComparison(
-            c.prediction[rows], c.half_a[rows], c.half_b[rows], c.shape[rows], c.objects, c.weight[rows]
-        )
-        told = point_scores(part, unit)
-        times = len(np.unique(np.round(variable.time(lights[rows]), 6)))
-        figures = {key: told[key] for key in ("relative_error", "noise_floor")}
-        found.append({"name": name, "times": times, "points": len(rows), **figures})
-    return found
-
-
 def light_sweep(
     reference: SweepReference, shipped: Shipped, variable: Variable | None = None, mover: Mover | None = None
 ) -> list[tuple[float, float, float]]:
@@ -349,7 +314,7 @@ def light_sweep(
     floor = np.mean(np.abs(a - b) / 2 / (y + 0.01), axis=1)
     last = max(int(r.place.max()), 1)
     lights = [r.place == k for k in np.unique(r.place)]
-    hours = [_axis_value(variable, r.light[at][0]) for at in lights]
+    hours = [axis_value(variable, r.light[at][0]) for at in lights]
     places = [k / last if hour is None else hour for k, hour in enumerate(hours)]
     if mover is not None and r.points.pose is not None:
         places = [mover.value(float(r.points.pose[at][0, 0])) for at in lights]

@@ -14,6 +14,7 @@ from lightwell.baking import evaluate
 from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
+from lightwell.baking.light_states import axis_of, axis_of_mover, errors_over_light, states_of_view, times_of_day
 from lightwell.baking.poses import leak_facts, pose_caption, pose_facts, view_pose
 from lightwell.baking.quality import Quality, quality_of_reference, score_quality
 from lightwell.baking.reference import Reference, ViewReference, halves_of
@@ -28,11 +29,8 @@ from lightwell.report.records import PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Turning, Variable, has_sky
+from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport import SurfacePoints
-
-# What the chart of the error along the path of the light shows to the right.
-SWEEP, HOURS, DEGREES = "position along the sweep", "hour of the day", "turn of the environment, degrees"
 
 
 def reference_budget(settings: Reported, job: Job, fit: Fit, roles: int = 1) -> ReferenceBudget:
@@ -119,7 +117,7 @@ def score(
         warnings=[*warnings(state), *notes.texts],
         facts=facts_of(ordered)
         | _pose_facts(state, reference, ordered[0], points, budget, notes)
-        | _day_facts(state, reference, first, points),
+        | _light_facts(state, reference, ordered, points),
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
@@ -129,11 +127,9 @@ def score(
 def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]:
     """Errors along the path of the light, and what the chart shows to the right."""
     variable, mover = state.variable, next(iter(state.scene.movers), None)
-    axis = HOURS if has_sky(variable) and variable.sky and variable.sky.hours else SWEEP
-    axis = DEGREES if isinstance(variable, Turning) else axis
     return {
         "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
-        "sweep_axis": axis if mover is None else f"{mover.name}, {mover.unit}",
+        "sweep_axis": axis_of(variable) if mover is None else axis_of_mover(mover),
     }
 
 
@@ -161,15 +157,22 @@ def _pose_facts(
     return {"movers": facts}
 
 
-def _day_facts(
-    state: State, reference: Reference, first: Shipped, points: Mapping[str, PointComparison]
-) -> dict[str, Any]:  # fmt: skip
-    """Errors of a day's twilight, low sun and high sun."""
-    variable, found = state.variable, points.get(first.role)
-    if not has_sky(variable) or first.role != "indirect" or found is None:
-        return {}
-    lights = reference.points[first.role].light
-    return {"times_of_day": evaluate.times_of_day(found, lights, variable, first.fit.unit)}
+def _light_facts(
+    state: State, reference: Reference, shipped: Sequence[Shipped], points: Mapping[str, PointComparison]
+) -> dict[str, Any]:
+    """Errors of a day's twilight, low sun and high sun, and over lights that the sweep does not show."""
+    facts: dict[str, Any] = {"errors_over_lights": []}
+    for s in shipped:
+        variable, found = state.for_role(s.role).variable, points.get(s.role)
+        if s.role == "static" or found is None:
+            continue
+        lights, unit = reference.points[s.role].light, s.fit.unit
+        if has_sky(variable):
+            facts.setdefault("times_of_day", times_of_day(found, lights, variable, unit))
+        swept = s is shipped[0] and not state.scene.movers
+        if states := None if swept else errors_over_light(found, lights, variable, unit):
+            facts["errors_over_lights"].append({"axis": axis_of(variable), "states": states})
+    return {key: value for key, value in facts.items() if value}
 
 
 def _of_roles(shipped: Sequence[Shipped], points: Mapping[str, PointComparison]) -> dict[str, Any]:
@@ -192,11 +195,14 @@ def _compare_views(
     for k, ((camera, light), view, display) in enumerate(zip(stage.views, reference.views, reference.display)):
         if view is None:
             continue
-        pose = pose_caption(state.scene, view_pose(state.scene, k))
+        stands = view_pose(state.scene, k)
+        pose = pose_caption(state.scene, stands)
         name, caption = evaluate.view_name(camera, k), evaluate.view_caption(state.variable, light, pose)
         further = [evaluate.view_caption(other.variable, other.places[k]) for other in stage.more]
         caption = "; ".join([caption, *further])
-        views.append(evaluate.compare_view(view, ordered, size, name, caption, stage, k, names, display))
+        lights = [(state.variable, light), *((other.variable, other.places[k]) for other in stage.more)]
+        states = states_of_view(lights, state.scene.movers, stands)
+        views.append(evaluate.compare_view(view, ordered, size, name, caption, stage, k, names, display, states))
         if not views[-1].reference.any():
             notes.add(f"{name} shows no indirect light: its figures say little")
     return views

@@ -14,9 +14,10 @@ from lightwell.report import charts, figures
 from lightwell.report.cards import COMPARED, cards
 from lightwell.report.charts import ChartAxis, ChartSeries
 from lightwell.report.facts import facts_of
-from lightwell.report.numbers import brief, brief_duration, brief_percent, digits, grouped, percent
+from lightwell.report.numbers import brief_duration, brief_percent, digits, grouped, percent
 from lightwell.report.pages import TEMPLATES
 from lightwell.report.records import ReportData, ViewComparison
+from lightwell.report.states import DRAWN, state_charts
 from lightwell.report.summary import summary, view_unit
 
 # The pictures of the first view, in templates/report.html.
@@ -133,8 +134,8 @@ def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
         places=[_place(place, data.views) for place in numbers["worst_places"]],
         views=[{"scores": s, "pictures": figures.view_pictures(v, s["exposure_unit"])} for s, v in scored],
         enlarged=max((figures.magnification(view) for view in data.views), default=1),
-        charts=_charts(numbers),
-        facts=facts_of(numbers["facts"]),
+        charts=_charts(numbers, data.views),
+        facts=facts_of({name: fact for name, fact in numbers["facts"].items() if name not in DRAWN}),
         view_rows=[_view_row(view) for view in numbers["per_view"]],
         object_rows=[_object_row(row) for row in numbers["per_object"]],
         inferno=figures.INFERNO,
@@ -160,14 +161,13 @@ def _place(place: Mapping[str, Any], views: Sequence[ViewComparison]) -> dict[st
     }
 
 
-def _charts(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Charts of training, of the sweep of the light, and of the objects; those without data have no picture."""
+def _charts(numbers: Mapping[str, Any], views: Sequence[ViewComparison]) -> list[dict[str, Any]]:
+    """Charts of training, of what varies, and of the objects; those without data have no picture."""
     rows = sorted(numbers["per_object"], key=lambda row: -row["relative_error"])[:MAX_BARS]
     bars = [(row["name"], row["relative_error"], row["noise_floor"]) for row in rows]
     return [
         {"svg": _training_chart(numbers), "caption": "Error on validation samples while training."},
-        {"svg": _sweep_chart(numbers), "caption": "Error at held-out positions along the sweep of the light."},
-        *map(_mover_chart, numbers["facts"].get("movers", ())),
+        *state_charts(numbers, views),
         {
             "svg": charts.bar_chart(bars, percent, "Error by object"),
             "caption": "Error by object, worst first; the thin mark is the noise floor.",
@@ -184,30 +184,6 @@ def _training_chart(numbers: Mapping[str, Any]) -> str:
         lines.append(ChartSeries("noise floor", [min(xs), max(xs)], [numbers["noise_floor"]] * 2, dashed=True))
     x = ChartAxis("training time", brief_duration, log=True)
     return charts.line_chart(lines, x, ChartAxis("relative error", brief_percent, log=True), "Error while training")
-
-
-def _sweep_chart(numbers: Mapping[str, Any]) -> str:
-    at, error, floor = ([p[key] for p in numbers["sweep"]] for key in ("at", "relative_error", "noise_floor"))
-    lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
-    x, y = ChartAxis(numbers["sweep_axis"], brief), ChartAxis("relative error", brief_percent)
-    return charts.line_chart(lines, x, y, "Error along the sweep of the light")
-
-
-def _mover_chart(mover: Mapping[str, Any]) -> dict[str, Any]:
-    """The chart of what moves, and its worst pose and what leaks at its end stops in words."""
-    rows, name = mover["poses"], mover["name"]
-    at, error, floor = ([row[key] for row in rows] for key in ("value", "relative_error", "noise"))
-    lines = [ChartSeries("learned", at, error), ChartSeries("noise floor", at, floor, dashed=True)]
-    x, y = ChartAxis(f"{name}, {mover['unit']}", brief), ChartAxis("relative error", brief_percent)
-    told = [f"Error over the range of {name}"]
-    if worst := mover.get("worst_pose"):
-        told.append(f"worst at {digits(worst['value'])} with {percent(worst['relative_error'])}")
-    for stop in mover.get("end_stops", ()):
-        if stop["leak"] is not None:
-            told.append(
-                f"at {digits(stop['value'])} {percent(stop['leak'])} of the light of the other end leaks into the dark"
-            )
-    return {"svg": charts.line_chart(lines, x, y, f"Error over {name}"), "caption": "; ".join(told) + "."}
 
 
 def _view_row(view: Mapping[str, Any]) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,8 @@ class ViewComparison:
     """The view as it is shown, a whole multiple as large; None: the scored one."""
     surfaces: ViewSurfaces | None = None
     """None: places in the view have no names."""
+    states: Mapping[str, float] = dataclasses.field(default_factory=dict)
+    """Axis of a chart, such as ``hour of the day`` → what the view shows of it."""
 
     @property
     def reference(self) -> np.ndarray:

@@ -130,6 +130,24 @@ it("puts what moves to its share of the range, which wins over its value", async
   expect(await door("door", null)).toBe(20);
 });
 
+it("says once which of its attributes are misspelled, with what varies", async () => {
+  site.put("/door.glb", readFileSync(new URL("fixtures/field-and-probes.glb", import.meta.url)));
+  const html = '<lightwell-viewer src="/door.glb" dor="0.5" class="a" id="b" tabindex="0" title="c" data-x="d"></lightwell-viewer>';
+  const { page } = await open("misspelled", html);
+  const said: string[] = [];
+  page.on("console", (message) => void (message.type() === "warning" && said.push(message.text())));
+  await loaded(page, 1);
+  await page.evaluate(async () => {
+    const viewer = document.querySelector("lightwell-viewer") as any;
+    for (const value of ["0.1", "0.2"]) for (const name of ["dor", "lamp", "hidden"]) viewer.setAttribute(name, value);
+    viewer.setAttribute("movers", "Dor:3");
+    await new Promise((resolve) => setTimeout(resolve));
+  });
+  const ours = () => said.filter((text) => text.startsWith("lightwell-viewer")).map((text) => text.split(" ")[1]);
+  await expect.poll(() => ours().sort()).toEqual(["'Dor'", "'dor'", "'lamp'"]);
+  expect(said.find((text) => text.includes("'dor'"))).toMatch(/what varies: 'door', .*'movers'$/);
+});
+
 it("sets lamps and the light as its attributes say from the first frame on", async () => {
   const lamp = { name: "desk", nodes: [], intensity: 1, color: [1, 1, 1] };
   const tamper = (json: any) => void Object.assign(json.extensions.LIGHTWELL_neural_radiance, { version: 2, lamps: [lamp] });

@@ -188,6 +188,12 @@ describe("what moves in lightwell/react", () => {
     await (await door({ door: 0.25 })).toBe(22.5);
     expect(await page.evaluate(() => "door" in (window as any).found.scene.root.parent)).toBe(false);
     expect(errors.filter(isOurs)).toEqual([]);
+    // What is misspelled is said once; what a group has, is not.
+    const said: string[] = [];
+    page.on("console", (message) => void (message.type() === "warning" && said.push(message.text())));
+    for (const dor of [0.1, 0.2]) await door({ dor, lamp: { desk: 0.3 }, movers: { Dor: 3 }, name: "room", "position-x": 0, userData: {} });
+    const ours = () => said.filter((text) => text.startsWith("LearnedScene")).map((text) => text.split(" ")[1]);
+    await expect.poll(() => ours().sort()).toEqual(["'Dor'", "'dor'", "'lamp'"]);
     await page.close();
   });
 });

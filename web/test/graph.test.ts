@@ -114,6 +114,26 @@ test("two layers that share their weights store them once", () => {
   expect(texels(["radiance"])).toBeGreaterThanOrEqual(4 * (5 * 17 + 40 + nodes));
 });
 
+test.each(["inline", "texture"] as const)("wide rows, such as those of probes, are neither read nor added up by loops (%s)", (weights) => {
+  const json = {
+    version: 1,
+    inputs: { at: 1, more: 1 },
+    buffers: { light: { shape: [3, 216], type: "float32" } },
+    nodes: [
+      { id: "near", op: "rows", inputs: ["at"], buffer: "light" },
+      { id: "far", op: "rows", inputs: ["more"], buffer: "light" },
+      { id: "part", op: "multiply", inputs: ["more", "far"] },
+      { id: "sum", op: "add", inputs: ["near", "part"] },
+    ],
+    outputs: { sum: "sum" },
+  };
+  const graph = readGraph(json, new Map([["light", { shape: [3, 216], type: "float32", data: new Float32Array(648) }]]));
+  const { code } = printGlsl(graph, { name: "f", weights });
+  // llvmpipe compiled a page with probes for more than 110 s where loops wrote these arrays, and for 9 s without.
+  expect(code).not.toContain("for (");
+  expect(code.match(/texelFetch|f_full\(/g)!.length).toBeGreaterThan(2 * 54);
+});
+
 type Document = Record<string, unknown> & { nodes: Record<string, unknown>[] };
 
 describe("hostile graphs are refused by name", () => {

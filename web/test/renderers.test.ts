@@ -115,6 +115,20 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     }
   });
 
+  it.each(adapters)("%s: shows the light of an environment map that turns, which casts no shadow", async (kind) => {
+    const map = { kind: "environment", name: "environment", range: [0, 360], initial: [0, 0, -1], intensity: 2, color: [1, 0.5, 1] };
+    const tamper: Fixture["tamper"] = (json) => {
+      const { extensions } = json as unknown as { extensions: Record<string, object> };
+      Object.assign(extensions.LIGHTWELL_neural_radiance!, { version: 2, environment: { radiance: [1, 1, 1] } });
+    };
+    const glb = room({ variables: [map] as never, fields: [linearField()], tamper });
+    const { data } = await draw(kind, glb, { parts: { raster: false, indirect: true, still: false } });
+    const field = linearRadiance(backWallPoint(48, 36, WIDTH, HEIGHT, -1), [0, 0, -1]);
+    field.forEach((value, c) => {
+      expect(Math.abs(data[4 * (36 * WIDTH + 48) + c]! / (REFLECTANCE * value * 2 * map.color[c]!) - 1)).toBeLessThan(2e-3);
+    });
+  });
+
   it.each(adapters)("%s: sums over added lamps, without the rasterised light where it is not asked for", async (kind) => {
     const glb = room({ fields: [linearField(), stillField()] });
     const parts = { raster: false, indirect: true, still: false };

@@ -14,7 +14,7 @@ from lightwell.fields.lightmap.media import media_meshes
 from lightwell.fields.lightmap.seams import seam_pairs
 from lightwell.fields.lightmap.trace import AtlasIrradiance
 from lightwell.fields.lightmap.views import eye_points
-from lightwell.fields.surface.lamps import state_matrix
+from lightwell.fields.surface.lamps import facts_of_states, state_matrix
 from lightwell.networks.losses import EPSILON
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
@@ -148,13 +148,9 @@ def lamp_facts(names: tuple[str, ...], found: np.ndarray, reference: np.ndarray,
     Returns:
         Values for the report, as the default field has them.
     """
-    errors, groups = [], len(names)
-    for state in state_matrix(groups, seed):
+    states, errors = state_matrix(len(names), seed), []
+    for state in states:
         f, y = (np.einsum("k,nkc->nc", state, x) for x in (found, reference))
         unit = 4 * max(float(y.mean()), 1e-30)
         errors.append(float(np.mean(np.abs(f - y) / (y + EPSILON * unit))))
-    facts: dict[str, object] = {"error_of_each_lamp": dict(zip(names, errors))}
-    if groups > 1:
-        facts["error_of_all_lamps"] = errors[groups]
-        facts["error_of_random_lamps"] = float(np.mean(errors[groups + 1 :]))
-    return facts
+    return facts_of_states(names, states, errors)

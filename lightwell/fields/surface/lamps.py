@@ -7,7 +7,7 @@ groups, then green, then blue. The layers of the groups are added up by ``per_fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
@@ -83,6 +83,30 @@ def state_matrix(groups: int, seed: int) -> np.ndarray:
     return np.concatenate([alone, together, random[random.sum(axis=1) > 0]])
 
 
+def facts_of_states(names: Sequence[str], states: np.ndarray, errors: Sequence[float]) -> dict[str, Any]:
+    """Name the errors of the settings of the dimmers, for the report.
+
+    Args:
+        names: K groups.
+        states: [S, K] what ``state_matrix`` returned.
+        errors: Relative error of each setting.
+
+    Returns:
+        Error of each group alone, of all, and of random switches: their mean, and the worst with the groups that
+        are on.
+    """
+    groups = len(names)
+    facts: dict[str, Any] = {"error_of_each_lamp": dict(zip(names, errors))}
+    if groups > 1:
+        facts["error_of_all_lamps"] = errors[groups]
+    if len(errors) > groups + 1:
+        worst = groups + 1 + int(np.argmax(errors[groups + 1 :]))
+        on = [name for name, factor in zip(names, states[worst]) if factor]
+        facts["error_of_random_lamps"] = float(np.mean(errors[groups + 1 :]))
+        facts["worst_random_lamps"] = {"relative_error": errors[worst], "on": on}
+    return facts
+
+
 @dataclass
 class LampsFit:
     """A learner of the lamps; it has what ``lightwell.fields.surface.field.SurfaceFit`` asks of one."""
@@ -155,12 +179,7 @@ class LampsFit:
     @property
     def facts(self) -> dict[str, Any]:
         """Errors of switch states at held-out points, for the report."""
-        errors, groups = self.state_errors(self._trainer.best), len(self.names)
-        facts: dict[str, Any] = {"error_of_each_lamp": dict(zip(self.names, errors))}
-        if groups > 1:
-            facts["error_of_all_lamps"] = errors[groups]
-            facts["error_of_random_lamps"] = float(np.mean(errors[groups + 1 :]))
-        return facts
+        return facts_of_states(self.names, self._states, self.state_errors(self._trainer.best))
 
     def state_errors(self, parameters: dict[str, np.ndarray], bounded: bool = False) -> list[float]:
         """Compute the relative error of every trained state at the held-out points, its reference's noise included.

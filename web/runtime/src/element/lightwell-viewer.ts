@@ -10,6 +10,7 @@ import { moverProps, setMovers } from "../mover-props.ts";
 import { readMoverValues } from "../mover-values.ts";
 import type { Mover } from "../movers.ts";
 import { readLampSettings } from "../switches.ts";
+import { isForeign, UnknownNames } from "../unknown-names.ts";
 import { positive, share, toneMappingOf, vectors } from "./attributes.ts";
 import { type Client, SharedRenderer } from "./shared-renderer.ts";
 import { placeCamera } from "./view-camera.ts";
@@ -30,7 +31,7 @@ progress::-moz-progress-bar { background: #ffb454; }
 [hidden] { display: none; }`;
 
 /** Attributes that are no properties of the element. */
-const TAKEN = ["src", "poster", "alt", "controls", "exposure", "camera", "light", "loading", "day", "environment-rotation", "lamps", "movers", "class", "part", "style", "is"];
+const TAKEN = ["src", "poster", "alt", "controls", "exposure", "camera", "light", "loading", "day", "environment-rotation", "lamps", "movers", "tone-mapping", "class", "part", "exportparts", "style", "is"];
 
 /** Servers that import this module have no elements. */
 const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
@@ -44,6 +45,8 @@ interface Shown {
   readonly sky: SkyBackground | null;
   /** What moves, by attributes. */
   readonly movers: ReadonlyMap<string, Mover>;
+  /** Attributes, lamps and movers that were warned of. */
+  readonly unknown: UnknownNames;
 }
 
 /**
@@ -72,7 +75,10 @@ export class LightwellViewer extends ElementBase implements Client {
   private readonly resized = new ResizeObserver(() => this.resize());
   private nearing: IntersectionObserver | null = null;
   /** Attributes with the names of what moves, which only the file knows. */
-  private readonly short = new MutationObserver(() => this.apply("movers"));
+  private readonly short = new MutationObserver((changes) => {
+    this.checkNames(changes.map(({ attributeName }) => attributeName ?? ""));
+    if (changes.some(({ attributeName }) => this.shown?.movers.has(attributeName ?? ""))) this.apply("movers");
+  });
 
   constructor() {
     super();
@@ -157,8 +163,10 @@ export class LightwellViewer extends ElementBase implements Client {
       const sky = learned.hasSky ? new SkyBackground(learned.environment) : null;
       scene.background = sky?.texture ?? null;
       const movers = moverProps(learned.movers, (name) => TAKEN.includes(name) || name in this, "lightwell-viewer");
-      if (movers.size > 0) this.short.observe(this, { attributeFilter: [...movers.keys()] });
-      this.shown = { gltf, learned, scene, sky, movers };
+      const unknown = new UnknownNames("lightwell-viewer", learned, movers.keys(), "environment-rotation");
+      this.shown = { gltf, learned, scene, sky, movers, unknown };
+      this.short.observe(this, { attributes: true });
+      this.checkNames(this.getAttributeNames());
       for (const name of ["camera", "light", "day", "environment-rotation", "lamps", "movers"]) this.apply(name);
       learned.update(renderer);
       await learned.compile(renderer, scene, this.camera);
@@ -207,17 +215,27 @@ export class LightwellViewer extends ElementBase implements Client {
       if (value !== null && value.trim() !== "") this.shown?.learned.setEnvironmentRotation(Number(value));
     } else if (name === "lamps") {
       const settings = readLampSettings(value);
+      this.shown?.unknown.lamps(settings.keys());
       for (const lamp of this.shown?.learned.switches ?? []) {
         lamp.reset();
         if (settings.has(lamp.name)) lamp.set(settings.get(lamp.name)!);
       }
     } else if (name === "movers") {
       const values = readMoverValues(value);
+      this.shown?.unknown.movers(values.keys());
       const given = [...(this.shown?.movers ?? [])].map(([prop, mover]) => [mover, share(this.getAttribute(prop))] as const);
       const shares = new Map(given.filter((pair): pair is [Mover, number] => pair[1] !== null));
       setMovers(this.shown?.learned.movers ?? [], (mover) => values.get(mover), shares);
     } else if (name === "camera" && this.shown) this.look(value, this.shown);
     this.invalidate();
+  }
+
+  /** Warn of attributes that say nothing: a misspelled name of what varies is one. */
+  private checkNames(names: readonly string[]): void {
+    // HTML's own attributes are properties too, some in other letters, such as `tabIndex`.
+    const own = new Set(TAKEN);
+    for (const name in this) own.add(name.toLowerCase());
+    this.shown?.unknown.props(names, (name) => own.has(name) || isForeign(name));
   }
 
   private describe(alt: string | null): void {

@@ -58,6 +58,9 @@ export interface Table {
   texel(index: string): string;
 }
 
+/** Values of more blocks than any layer of a network has are never written in loops: see `MOST_UNROLLED` of `ops/table-rows.ts`. */
+const MOST_LOOPED = 32;
+
 /** Most texels of numbers in a program: a texture of 2048 × 2048, which every WebGL2 device takes. */
 export const MAX_TEXELS = 2048 ** 2;
 
@@ -234,6 +237,7 @@ export class Printer {
     const looped =
       this.weights === "table" &&
       out.blocks > 2 &&
+      out.blocks <= MOST_LOOPED &&
       inputs.every((v) => v.width === 1 || v.storage !== "split");
     if (looped) {
       this.array(out);

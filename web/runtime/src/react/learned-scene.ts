@@ -9,6 +9,7 @@ import { LightwellLoaderPlugin } from "../loader.ts";
 import { moverProps, setMovers } from "../mover-props.ts";
 import type { Parts } from "../scene-core.ts";
 import type { LampSetting } from "../switches.ts";
+import { UnknownNames } from "../unknown-names.ts";
 
 /** Options of `useLearnedScene`. */
 export type UseLearnedSceneOptions = Pick<LearnedSceneOptions, "weights" | "environment">;
@@ -66,6 +67,11 @@ export interface LearnedSceneProps extends Omit<ThreeElements["group"], "ref" | 
 /** Properties that are not of three.js' groups. */
 const OWN = ["src", "light", "day", "environmentRotation", "lamps", "movers", "parts", "weights", "environment", "ref", "key", "children", "attach", "args", "dispose"];
 
+/** Whether a group takes a property: one of its own or of a part (`position-x`), an event, or what belongs to @react-three/fiber and React. */
+function isOfGroup(name: string, group: object): boolean {
+  return OWN.includes(name) || name in group || name.split("-")[0]! in group || /^on[A-Z]/.test(name) || name.startsWith("__");
+}
+
 /** `<Canvas shadows><Suspense><LearnedScene src="scene.glb" /></Suspense></Canvas>`: a file with its learned light, wherever its group stands. */
 export function LearnedScene({ src, light, day, environmentRotation, lamps, movers, parts, weights, environment, ref, ...group }: LearnedSceneProps): ReactElement {
   const scene = useLearnedScene(src, { ...(weights ? { weights } : {}), ...(environment ? { environment } : {}) });
@@ -87,13 +93,17 @@ export function LearnedScene({ src, light, day, environmentRotation, lamps, move
     for (const [name, setting] of Object.entries(JSON.parse(settings) as Record<string, LampSetting>)) scene.setLamp(name, setting);
   }, [scene, settings]);
   const props = useMemo(() => moverProps(scene.movers, (prop) => OWN.includes(prop) || prop in scene.root, "LearnedScene"), [scene]);
+  const unknown = useMemo(() => new UnknownNames("LearnedScene", scene, props.keys(), "environmentRotation"), [scene, props]);
+  const names = Object.keys(group).join();
+  useEffect(() => unknown.props(names ? names.split(",") : [], (name) => isOfGroup(name, scene.root)), [unknown, names, scene]);
   const others = Object.fromEntries(Object.entries(group).filter(([prop]) => !props.has(prop)));
   const poses = JSON.stringify([movers ?? {}, Object.fromEntries([...props.keys()].map((prop) => [prop, group[prop as Lowercase<string>]]))]);
   useEffect(() => {
     const [values, shares] = JSON.parse(poses) as [Record<string, number>, Record<string, unknown>];
+    unknown.movers(Object.keys(values));
     const given = [...props].flatMap(([prop, mover]) => (typeof shares[prop] === "number" ? [[mover, shares[prop]] as const] : []));
     setMovers(scene.movers, (name) => values[name], new Map(given));
-  }, [scene, props, poses]);
+  }, [scene, props, unknown, poses]);
   useEffect(() => scene.show(parts ?? ALL), [scene, parts]);
   // None of these is a property of three.js' objects: a canvas with `frameloop="demand"` would not draw the change.
   useEffect(() => invalidate(), [invalidate, scene, x, y, z, day, environmentRotation, settings, poses, parts]);

@@ -121,6 +121,8 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
 
   override update(renderer?: DeviceOwner, delta?: number): void {
     for (const { object } of this.lamps) {
+      // The light of an environment map that turns casts no shadow.
+      if (!("shadow" in object)) continue;
       const light = object as PointLight | DirectionalLight;
       light.shadow.shadowNode ??= new RendererShadows(light) as AnyNode;
     }

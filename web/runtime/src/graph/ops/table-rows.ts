@@ -8,6 +8,12 @@ import type { Printer, Table, Value } from "../printer.ts";
 /** Numbers of one entry in a table: 1 or 2 share a texel, wider entries start a texel of their own. */
 const stride = (channels: number) => (channels <= 2 ? channels : 4 * Math.ceil(channels / 4));
 
+/**
+ * Rows of at most so many blocks are read by a statement for each: Mesa's llvmpipe compiles arrays that loops write ten times as long
+ * (eight rows of 216 numbers, a probe's neighbours: 20 s), and they are slower to draw. 16 bases of 27 numbers have 108.
+ */
+const MOST_UNROLLED = 128;
+
 /** The rows of a buffer as texels. */
 export function rowTable(printer: Printer, buffer: StoredBuffer): Table {
   const channels = buffer.shape.at(-1)!;
@@ -60,6 +66,10 @@ export function accumulateRow(
 /** Emit `out = row` of a table. */
 export function printRow(use: Use, printer: Printer, out: Value, row: string): void {
   const table = rowTable(printer, use.buffer.buffer!);
+  if (out.width > 2 && out.blocks <= MOST_UNROLLED) {
+    for (let i = 0; i < out.blocks; i++) printer.store(out, i, table.texel(`${table.first + i} + ${row} * ${out.blocks}`));
+    return;
+  }
   printer.zeros(out);
   accumulateRow(printer, printer.language, table, out.width, row, "1.0", out);
 }
