@@ -1,5 +1,9 @@
-"""Mixing factors of K bases, evaluated once per frame: of the position of a light, the dimmers of lamps, a pose, or
-dimmers and a pose."""
+"""Mixing factors of K bases, evaluated once per frame.
+
+Bases are singular vectors of the light in some states of all variables together, or those states themselves where they
+are few. For a declared light the factors come from a small network of its place and of the pose of what moves
+(``WeightCode``); for the scene's own light they are interpolated between the states (``StateMix``).
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,12 @@ import numpy as np
 
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.layers import add_layers
+from lightwell.graph.pose_basis import PoseBasis
 
 
 @dataclass(frozen=True)
 class WeightCode:
-    """Encoding of a light's position, and the layers of the network that follows."""
+    """Encoding of a light's position and of the pose of what moves, and the layers of the network that follows."""
 
     center: tuple[float, float, float]
     """Centre of the light's box, metres."""
@@ -24,22 +29,24 @@ class WeightCode:
     """(weights [out, in], bias [out]) of each layer."""
     octaves: int = 2
     """Frequencies of the encoding."""
+    basis: PoseBasis | None = None
+    """Functions of the pose that the network reads; None: nothing moves."""
 
     @property
     def inputs(self) -> dict[str, int]:
         """Inputs of a graph that the factors depend on, and their widths."""
-        return {"light": 3}
+        return {"light": 3} | ({"pose": len(self.basis.nodes)} if self.basis else {})
 
     @property
     def width(self) -> int:
         """Number of features of the encoding."""
-        return 3 + 6 * self.octaves
+        return 3 + 6 * self.octaves + (self.basis.count if self.basis else 0)
 
     def mixed(self, b: Builder, bases: str) -> str:
         """Add the sum of the bases times their factors to a graph.
 
         Args:
-            b: Graph under construction with the input ``light`` [3].
+            b: Graph under construction with ``inputs``.
             bases: Name of the node with the bases [27 K], the factor's index fastest.
 
         Returns:
@@ -48,23 +55,23 @@ class WeightCode:
         return b.matvec(bases, self.node(b), 27)
 
     def encoding(self, b: Builder) -> str:
-        """Add the encoding of the input ``light`` to a graph.
+        """Add the encoding of the inputs to a graph.
 
         Args:
-            b: Graph under construction with the input ``light`` [3].
+            b: Graph under construction with ``inputs``.
 
         Returns:
             Name of the node with ``width`` features.
         """
         x = b.affine("light", [1 / self.half] * 3, [-c / self.half for c in self.center], per_frame=True)
         waves = b.frequency(b.affine(x, [0.5] * 3, [0.5] * 3, per_frame=True), self.octaves, per_frame=True)
-        return b.concat(x, waves, per_frame=True)
+        return b.concat(x, waves, *([self.basis.add(b)] if self.basis else []), per_frame=True)
 
     def node(self, b: Builder) -> str:
         """Add the encoding and the network to a graph.
 
         Args:
-            b: Graph under construction with the input ``light`` [3].
+            b: Graph under construction with ``inputs``.
 
         Returns:
             Name of the node with the K factors.
@@ -72,114 +79,88 @@ class WeightCode:
         activations = ("silu",) * (len(self.layers) - 1) + (None,)
         return add_layers(b, self.encoding(b), self.layers, activations, per_frame=True)
 
-    def features(self, light: np.ndarray) -> np.ndarray:
-        """Compute the encoding of light positions.
+    def features(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
+        """Compute the encoding of light positions and poses.
 
         Args:
             light: [N, 3] positions in metres, or unit directions.
+            pose: [N, M] sliders of what moves; None: nothing does.
 
         Returns:
             [N, width] float32 features.
         """
-        b = Builder(light=3)
+        b = Builder(**self.inputs)
         graph = b.build(features=self.encoding(b))
-        return evaluate(graph, {"light": np.ascontiguousarray(light, np.float32)})["features"]
+        return evaluate(graph, self._given(light, pose))["features"]
 
-
-@dataclass(frozen=True)
-class LampMix:
-    """One basis per group of lamps; its factors are the dimmers and colours of the groups."""
-
-    groups: int
-    """K."""
-
-    @property
-    def inputs(self) -> dict[str, int]:
-        """Inputs of a graph that the factors depend on, and their widths."""
-        return {"lamps": 3 * self.groups}
-
-    def mixed(self, b: Builder, bases: str) -> str:
-        """Add the sum of the groups' light, colour by colour, to a graph.
+    def factors(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
+        """Compute the factors of the bases.
 
         Args:
-            b: Graph under construction with the input ``lamps`` [3 K]: red of all groups, then green, then blue.
-            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
+            light: [N, 3] positions in metres, or unit directions.
+            pose: [N, M] sliders of what moves; None: nothing does.
 
         Returns:
-            Name of the node with the 27 numbers.
+            [N, K] factors.
         """
-        k = self.groups
-        return _by_color(b, bases, [b.slice("lamps", color * k, k, per_frame=True) for color in range(3)], k)
+        b = Builder(**self.inputs)
+        graph = b.build(code=self.node(b))
+        return evaluate(graph, self._given(light, pose))["code"]
+
+    def _given(self, light: np.ndarray, pose: np.ndarray | None) -> dict[str, np.ndarray]:
+        given = {"light": np.ascontiguousarray(light, np.float32)}
+        return given if self.basis is None else given | {"pose": np.ascontiguousarray(pose, np.float32)}
 
 
 @dataclass(frozen=True)
-class PoseMix:
-    """One basis per pose that was traced; between two poses their light is interpolated linearly."""
+class StateMix:
+    """Bases of states of the scene's own light: of every group of lamps in every pose at the nodes of a grid.
 
-    poses: tuple[float, ...]
-    """[K] increasing sliders from 0 to 1, K ≥ 2."""
+    The factors of the bases are linear in the dimmers of the groups, and between the nodes linear in each slider:
+    c_k = Σ_p B_p(pose) Σ_g dimmer_g mix_pgk, with the functions B of ``PoseBasis``.
+    """
 
-    @property
-    def inputs(self) -> dict[str, int]:
-        """Inputs of a graph that the factors depend on, and their widths."""
-        return {"pose": 1}
-
-    def mixed(self, b: Builder, bases: str) -> str:
-        """Add the light at a pose to a graph.
-
-        Args:
-            b: Graph under construction with the input ``pose`` [1].
-            bases: Name of the node with the bases [27 K], the factor's index fastest.
-
-        Returns:
-            Name of the node with the 27 numbers.
-        """
-        return b.matvec(bases, _between(b, self.poses, np.eye(len(self.poses))), 27)
-
-
-@dataclass(frozen=True)
-class PosedLampMix:
-    """Bases of all groups in all poses; a group's factors are interpolated linearly between two poses."""
-
-    poses: tuple[float, ...]
-    """[P] increasing sliders from 0 to 1, P ≥ 2."""
     mix: np.ndarray
     """[P, G, K] factors of the bases that give the light of each group in each pose."""
+    basis: PoseBasis | None = None
+    """P functions of the sliders of what moves; None: nothing moves, P is 1."""
+    lamps: bool = False
+    """Whether the groups have dimmers; else there is one, G is 1."""
 
     @property
     def inputs(self) -> dict[str, int]:
         """Inputs of a graph that the factors depend on, and their widths."""
-        return {"lamps": 3 * self.mix.shape[1], "pose": 1}
+        lamps = {"lamps": 3 * self.mix.shape[1]} if self.lamps else {}
+        return lamps | ({"pose": len(self.basis.nodes)} if self.basis else {})
 
     def mixed(self, b: Builder, bases: str) -> str:
-        """Add the sum of the groups' light in a pose, colour by colour, to a graph.
+        """Add the light of the groups in a pose, colour by colour, to a graph.
 
         Args:
-            b: Graph under construction with the inputs ``lamps`` [3 G], as ``LampMix`` has them, and ``pose`` [1].
-            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
+            b: Graph under construction with the inputs ``lamps`` [3 G], red of all groups, then green, then blue, and
+                ``pose`` [M], as far as there are lamps and movers.
+            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each; the
+                factor's index is fastest.
 
         Returns:
             Name of the node with the 27 numbers.
         """
-        poses, groups, k = self.mix.shape
-        # [K, G]: basis by group.
-        of_groups = _between(b, self.poses, self.mix.transpose(2, 1, 0).reshape(k * groups, poses))
+        _, groups, k = self.mix.shape
+        if not self.lamps:
+            return b.matvec(bases, self._of_groups(b), 27)
         dimmers = [b.slice("lamps", color * groups, groups, per_frame=True) for color in range(3)]
+        if self.basis is None:
+            weights, none = self.mix[0].T, np.zeros(k)
+            return _by_color(b, bases, [b.linear(d, weights, none, per_frame=True) for d in dimmers], k)
+        of_groups = self._of_groups(b)
         return _by_color(b, bases, [b.matvec(of_groups, d, k, per_frame=True) for d in dimmers], k)
 
-
-def _between(b: Builder, poses: tuple[float, ...], values: np.ndarray) -> str:
-    """[N] numbers at the input ``pose``, interpolated linearly between those [N, P] of the poses."""
-    at, count = np.array(poses), len(poses)
-    # max(pose - at, 0) bends at each pose; their sums with these factors are the hat functions of the poses.
-    bends = b.activate(b.linear("pose", np.ones((count, 1)), -at, per_frame=True), "relu", per_frame=True)
-    hats, slope = np.zeros((count, count)), 1 / np.diff(at)
-    for k in range(count - 1):
-        hats[k, k] -= slope[k]
-        hats[k, k + 1] += slope[k]
-        hats[k + 1, k] += slope[k]
-        hats[k + 1, k + 1] -= slope[k]
-    return b.linear(bends, values @ hats, values[:, 0], per_frame=True)
+    def _of_groups(self, b: Builder) -> str:
+        """[K G] factors of the bases for each group in the pose, the group's index fastest."""
+        assert self.basis is not None
+        poses, groups, k = self.mix.shape
+        weights = self.mix.transpose(2, 1, 0).reshape(k * groups, poses)
+        return b.linear(self.basis.add(b), weights, np.zeros(k * groups), per_frame=True)
 
 
 def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str:
@@ -191,5 +172,5 @@ def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str
     return b.concat(*even, *rest)
 
 
-Mixing = WeightCode | LampMix | PoseMix | PosedLampMix
+Mixing = WeightCode | StateMix
 """What the factors of a volume's bases are computed from."""
