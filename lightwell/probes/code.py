@@ -1,8 +1,9 @@
 """Mixing factors of K bases, evaluated once per frame.
 
 Bases are singular vectors of the light in some states of all variables together, or those states themselves where they
-are few. For a declared light the factors come from a small network of its place and of the pose of what moves
-(``WeightCode``); for the scene's own light they are interpolated between the states (``StateMix``).
+are few. Their factors are interpolated between the states: by a spline where a declared light is one of the variables
+(``SplineMix``), else by the dimmers of lamps and hat functions of poses (``StateMix``). A field of probes alone learns
+them from samples at surfaces, by a network (``WeightCode``).
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import numpy as np
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.layers import add_layers
 from lightwell.graph.pose_basis import PoseBasis
+from lightwell.probes.spline import SplineMix
 
 
 @dataclass(frozen=True)
 class WeightCode:
-    """Encoding of a light's position and of the pose of what moves, and the layers of the network that follows."""
+    """Encoding of a light's position, and the layers of the network that follows."""
 
     center: tuple[float, float, float]
     """Centre of the light's box, metres."""
@@ -29,24 +31,22 @@ class WeightCode:
     """(weights [out, in], bias [out]) of each layer."""
     octaves: int = 2
     """Frequencies of the encoding."""
-    basis: PoseBasis | None = None
-    """Functions of the pose that the network reads; None: nothing moves."""
 
     @property
     def inputs(self) -> dict[str, int]:
         """Inputs of a graph that the factors depend on, and their widths."""
-        return {"light": 3} | ({"pose": len(self.basis.nodes)} if self.basis else {})
+        return {"light": 3}
 
     @property
     def width(self) -> int:
         """Number of features of the encoding."""
-        return 3 + 6 * self.octaves + (self.basis.count if self.basis else 0)
+        return 3 + 6 * self.octaves
 
     def mixed(self, b: Builder, bases: str) -> str:
         """Add the sum of the bases times their factors to a graph.
 
         Args:
-            b: Graph under construction with ``inputs``.
+            b: Graph under construction with the input ``light`` [3].
             bases: Name of the node with the bases [27 K], the factor's index fastest.
 
         Returns:
@@ -55,23 +55,23 @@ class WeightCode:
         return b.matvec(bases, self.node(b), 27)
 
     def encoding(self, b: Builder) -> str:
-        """Add the encoding of the inputs to a graph.
+        """Add the encoding of the input ``light`` to a graph.
 
         Args:
-            b: Graph under construction with ``inputs``.
+            b: Graph under construction with the input ``light`` [3].
 
         Returns:
             Name of the node with ``width`` features.
         """
         x = b.affine("light", [1 / self.half] * 3, [-c / self.half for c in self.center], per_frame=True)
         waves = b.frequency(b.affine(x, [0.5] * 3, [0.5] * 3, per_frame=True), self.octaves, per_frame=True)
-        return b.concat(x, waves, *([self.basis.add(b)] if self.basis else []), per_frame=True)
+        return b.concat(x, waves, per_frame=True)
 
     def node(self, b: Builder) -> str:
         """Add the encoding and the network to a graph.
 
         Args:
-            b: Graph under construction with ``inputs``.
+            b: Graph under construction with the input ``light`` [3].
 
         Returns:
             Name of the node with the K factors.
@@ -79,37 +79,18 @@ class WeightCode:
         activations = ("silu",) * (len(self.layers) - 1) + (None,)
         return add_layers(b, self.encoding(b), self.layers, activations, per_frame=True)
 
-    def features(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
-        """Compute the encoding of light positions and poses.
+    def features(self, light: np.ndarray) -> np.ndarray:
+        """Compute the encoding of light positions.
 
         Args:
             light: [N, 3] positions in metres, or unit directions.
-            pose: [N, M] sliders of what moves; None: nothing does.
 
         Returns:
             [N, width] float32 features.
         """
-        b = Builder(**self.inputs)
+        b = Builder(light=3)
         graph = b.build(features=self.encoding(b))
-        return evaluate(graph, self._given(light, pose))["features"]
-
-    def factors(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
-        """Compute the factors of the bases.
-
-        Args:
-            light: [N, 3] positions in metres, or unit directions.
-            pose: [N, M] sliders of what moves; None: nothing does.
-
-        Returns:
-            [N, K] factors.
-        """
-        b = Builder(**self.inputs)
-        graph = b.build(code=self.node(b))
-        return evaluate(graph, self._given(light, pose))["code"]
-
-    def _given(self, light: np.ndarray, pose: np.ndarray | None) -> dict[str, np.ndarray]:
-        given = {"light": np.ascontiguousarray(light, np.float32)}
-        return given if self.basis is None else given | {"pose": np.ascontiguousarray(pose, np.float32)}
+        return evaluate(graph, {"light": np.ascontiguousarray(light, np.float32)})["features"]
 
 
 @dataclass(frozen=True)
@@ -172,5 +153,5 @@ def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str
     return b.concat(*even, *rest)
 
 
-Mixing = WeightCode | StateMix
+Mixing = WeightCode | SplineMix | StateMix
 """What the factors of a volume's bases are computed from."""

@@ -175,8 +175,7 @@ class FieldAndProbes(FactoredField):
         Returns:
             The finished fit.
         """
-        training = None if isinstance(samples, LampTraining) else samples.training
-        probes = ProbeLight(state).fitted(role, samples.unit, training)
+        probes = ProbeLight(state).fitted(role, samples.unit)
         surface = super().fit(state, role, samples, part)
         return FieldAndProbesFit(role, surface, probes, probes.lower(), state.for_role(role).variable)
 

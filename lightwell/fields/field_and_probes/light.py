@@ -6,8 +6,8 @@ expressed by at most 16 bases, and what the bases are multiplied by is computed 
 ========  ===============================  ==============================================  ==================
 role      states                           bases                                           factors
 ========  ===============================  ==============================================  ==================
-indirect  places of the light, each in a   leading singular vectors                        network of the
-          pose of what moves                                                               light and the pose
+indirect  places of the light, each in a   leading singular vectors                        spline in the
+          pose of what moves                                                               place and the pose
 static    every group of lamps in every    states, or their leading singular vectors       dimmers times hat
           pose of a grid                   where there are more than 16                    functions of poses
 ========  ===============================  ==============================================  ==================
@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.fields.base import FieldSetup, around_samples
+from lightwell.fields.base import FieldSetup
 from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
 from lightwell.fields.probes.baked import mixed, singular_mix
-from lightwell.fields.probes.fit import PRESETS, ProbesFit, ProbesPreset, Solved, fit_of, solved, weights_of
+from lightwell.fields.probes.fit import PRESETS, ProbesPreset, Solved, fit_of, pose_rows, solved, weights_of
 from lightwell.fields.protocol import Role, State
 from lightwell.fields.surface.posed_lamp_samples import lamps_in
 from lightwell.graph import Graph
@@ -36,11 +36,11 @@ from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.lower import lower
+from lightwell.probes.spline import SplineMix
 from lightwell.probes.states import JointStates
 from lightwell.probes.volume import ProbeVolume
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene_cache import Derived
-from lightwell.transport.samples import Samples
 
 # Preset of the probes of each quality.
 QUALITY_PRESETS = {"draft": "draft", "good": "default", "best": "fine"}
@@ -50,9 +50,6 @@ POSES = {"draft": (3, 2, 2), "good": (5, 3, 2), "best": (9, 4, 3)}
 MOST_BASES, BASES_BESIDE = 16, 2
 # States of such a light, times those of the light alone.
 STATES_BESIDE = 2
-# Samples that the network of a moving light learns from, and its steps by quality.
-CODE_SAMPLES, CODE_STEPS = 1 << 15, {"draft": 150, "good": 600, "best": 2000}
-
 OWN_LIGHT = Derived[SolvedVolume]("field_and_probes.own_light")
 
 
@@ -158,35 +155,17 @@ class ProbeLight:
                 _ = self._own if role == "static" else self._moving(role)
                 stage.advance()
 
-    def fitted(self, role: Role, unit: float, samples: Samples | None) -> RoleProbes:
-        """Return the probes of a role; the network of a moving light is trained.
+    def fitted(self, role: Role, unit: float) -> RoleProbes:
+        """Return the probes of a role.
 
         Args:
             role: The role.
             unit: Radiance unit S.
-            samples: Training samples of the moving light; not used for the scene's own.
 
         Returns:
             The probes.
         """
-        if role == "static":
-            return self._own_probes(unit)
-        assert samples is not None
-        state, request = self._state, self._state.job.request
-        order = np.random.default_rng((request.seed, len(samples))).permutation(len(samples))
-        part = samples[np.sort(order[:CODE_SAMPLES])]
-        setup, solved_states = around_samples(replace(self._setup(role), unit=unit), samples), self._moving(role)
-        fit = ProbesFit(
-            setup, self._moving_preset(role), request.seed, solved_states, name=self._name, poses=self._poses
-        )
-        fit.learn_from(part)
-        fit.validate_on(part[:: max(len(part) // 4096, 1)])
-        steps = min(CODE_STEPS[request.quality], request.steps or CODE_STEPS[request.quality])
-        with state.job.work.timed("probes"):
-            fit.train(steps, steps)
-        made = fit.baked
-        volume = made.lit.geometry.volume
-        return RoleProbes(volume, made.basis, made.code, unit, self._preset.coding, solved_states[2])
+        return self._own_probes(unit) if role == "static" else self._moving_probes(role, unit)
 
     # ------------------------------------------------------------------ plan
 
@@ -230,6 +209,20 @@ class ProbeLight:
         """Light of all states of a declared light, factors of the bases, and errors in the air."""
         seed = self._state.job.request.seed
         return solved(self._setup(role), self._moving_preset(role), seed, self.plan.spacing, self._poses)
+
+    def _moving_probes(self, role: Role, unit: float) -> RoleProbes:
+        lit, mix, score = self._moving(role)
+        variable, poses = self._state.for_role(role).variable, self._poses
+        assert variable is not None
+        lights = lit.lights.lights if isinstance(lit.lights, JointStates) else lit.lights
+        assert lights is not None
+        seed, live = self._state.job.request.seed, np.flatnonzero(lit.geometry.volume.alive)
+        bases = mixed(lit.solution.light, mix)
+        factors = factors_of(lit.solution.light, bases, live)
+        rows = np.zeros((len(lights), 0)) if poses is None else pose_rows(len(lights), poses, seed)
+        mixing = SplineMix.of(lights, rows, factors, variable.kind != "point")
+        lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
+        return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
     # ------------------------------------------------------------------ the scene's own light
 
@@ -291,9 +284,23 @@ def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray
     if len(states) <= most:
         return np.moveaxis(states, 0, -1), np.eye(len(states))
     bases = mixed(states, singular_mix(states, live, most))
+    return bases, factors_of(states, bases, live)
+
+
+def factors_of(states: np.ndarray, bases: np.ndarray, live: np.ndarray) -> np.ndarray:
+    """Compute the factors with which bases give states best, in least squares.
+
+    Args:
+        states: [S, P, 9, 3] light of the states.
+        bases: [P, 9, 3, K] bases.
+        live: [L] indices of the probes that count.
+
+    Returns:
+        [S, K] factors.
+    """
     rows = bases[live].reshape(-1, bases.shape[-1]).astype(np.float64)
     wanted = states[:, live].reshape(len(states), -1).astype(np.float64)
-    return bases, np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T
+    return np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T
 
 
 def error_of_bases(states: np.ndarray, bases: np.ndarray, mix: np.ndarray) -> float:

@@ -17,7 +17,8 @@ from lightwell.core.keys import Key, key
 from lightwell.core.store import Store
 from lightwell.fields.protocol import ExtraFile, Shown
 from lightwell.files import Arrays, write_atomically
-from lightwell.graph import Graph
+from lightwell.graph import Graph, evaluate
+from lightwell.graph.builder import Builder
 from lightwell.probes import ddgi
 from lightwell.probes.checkpoint import VERSION, state_arrays, state_of
 from lightwell.probes.code import WeightCode
@@ -76,7 +77,9 @@ class BakedProbes:
         """
         if self.code is None:
             return np.ones(1)
-        return self.code.factors(np.reshape(light, (1, 3)))[0]
+        b = Builder(light=3)
+        graph = b.build(code=self.code.node(b))
+        return evaluate(graph, {"light": np.asarray(light, np.float32).reshape(1, 3)})["code"][0]
 
     def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
         """Compute the probe volume under a light.

@@ -3,8 +3,7 @@ light.
 
 The geometry (``lightwell.probes``) is independent of light. A variable light makes the probes relightable: the light of
 some states is solved, their singular vectors are the stored bases, and a small network of the light's position,
-evaluated once per frame, mixes them. It is trained on the same samples as every other field. Where something moves, the
-states are joint ones of light and pose, and the network reads the pose too.
+evaluated once per frame, mixes them. It is trained on the same samples as every other field.
 
 Notation: P nodes, S states, K bases, N samples.
 """
@@ -111,8 +110,6 @@ class ProbesFit(MixedFit):
     preset: ProbesPreset
     solved: Solved
     """Result of ``solved`` for this set-up, preset and seed."""
-    poses: PoseBasis | None = None
-    """Poses of the states; None: nothing moves."""
     facts: dict[str, Any] = field(default_factory=dict)
     name: str = "default"
     """Of the preset."""
@@ -120,7 +117,7 @@ class ProbesFit(MixedFit):
     def __post_init__(self) -> None:
         self._lit, self._mix, baselines = self.solved
         self._basis = mixed(self._lit.solution.light, self._mix)
-        self._start(self._basis.shape[-1], self.poses)
+        self._start(self._basis.shape[-1])
         volume = self._lit.geometry.volume
         self.facts |= {
             "probes": int(volume.alive.sum()),
@@ -305,6 +302,21 @@ def in_poses(scene: Scene, lights: np.ndarray, poses: PoseBasis, seed: int) -> J
     Returns:
         S joint states.
     """
+    rows = pose_rows(len(lights), poses, seed)
+    return JointStates(tuple(posed(scene, pose) for pose in rows), lights=lights)
+
+
+def pose_rows(count: int, poses: PoseBasis, seed: int) -> np.ndarray:
+    """Choose the pose of each state of a light.
+
+    Args:
+        count: S.
+        poses: The poses.
+        seed: Seed of the order; the first state has the first pose.
+
+    Returns:
+        [S, M] sliders.
+    """
     known = poses.poses
-    order = np.random.default_rng((seed, POSE_ORDER)).permutation(len(lights) - 1) + 1
-    return JointStates(tuple(posed(scene, known[k % len(known)]) for k in (0, *order)), lights=lights)
+    order = np.random.default_rng((seed, POSE_ORDER)).permutation(count - 1) + 1
+    return known[np.concatenate([[0], order]) % len(known)]

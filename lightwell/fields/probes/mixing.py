@@ -1,5 +1,4 @@
-"""Base of fields whose light is a mixture of bases by the position of a light, and by the pose of what moves beside it:
-the network of the factors.
+"""Base of fields whose light is a mixture of bases by the position of a light: the network of the factors.
 
 Notation: K bases, N samples.
 """
@@ -7,7 +6,7 @@ Notation: K bases, N samples.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from lightwell.backend import dr, mi
 from lightwell.fields.base import Progress
 from lightwell.fields.surface.network_fit import NetworkFit
 from lightwell.graph import Graph
-from lightwell.graph.pose_basis import PoseBasis
 from lightwell.networks import Mlp, Trainer, TrainingSet
 from lightwell.probes.code import WeightCode
 from lightwell.transport.samples import Query, Samples
@@ -27,7 +25,7 @@ MOST_SAMPLES = 1 << 18
 
 @dataclass(frozen=True)
 class CodeNetwork:
-    """Mixes K bases by the light and the pose. A row is (features of both [F], light per basis [3 K])."""
+    """Mixes K bases by the position of the light. A row is (features of the light [F], light per basis [3 K])."""
 
     mlp: Mlp
 
@@ -97,12 +95,12 @@ class MixedFit(NetworkFit):
         """
         raise NotImplementedError
 
-    def _start(self, rank: int, poses: PoseBasis | None = None) -> None:
-        """Make the untrained network of K factors, which reads functions of the pose where something moves."""
+    def _start(self, rank: int) -> None:
+        """Make the untrained network of K factors."""
         # Directions to a sun lie in the unit cube, positions of a lamp in the box of the scene.
         sun = self.setup.light == "sun"
         box = ((0.0, 0.0, 0.0), 1.0) if sun else (tuple(self.setup.center), float(self.setup.half_extent))
-        self._code = WeightCode(*box, [], basis=poses)
+        self._code = WeightCode(*box, [])
         self._static = self.setup.light == "static"
         sizes = (self._code.width, *self.preset.hidden, rank)
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
@@ -119,11 +117,11 @@ class MixedFit(NetworkFit):
             return None
         best, layers = self._trainer.best, self._trainer.network.mlp.layers
         weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
-        return replace(self._code, layers=weights)
+        return WeightCode(self._code.center, self._code.half, weights)
 
     def _rows(self, query: Query) -> np.ndarray:
         light = np.zeros_like(query.position) if self._static else query.light
-        return np.concatenate([self._code.features(light, query.pose), self._factors(query)], axis=1)
+        return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
 
     def learn_from(self, samples: Samples) -> None:
         """Set the training samples of the light's network; without a variable light they are not used.
