@@ -93,6 +93,7 @@ def check(found: Callable[[int], np.ndarray], truth: Sequence[np.ndarray], bar: 
     light, wanted = np.stack([found(k) for k in range(len(truth))]), np.stack(truth)
     error = np.abs(light - wanted).mean() / wanted.mean()
     other = np.abs(light - np.roll(wanted, 1, axis=0)).mean() / wanted.mean()
+    print("MEASURED", error, other)
     assert error < bar and other > 1.5 * error, f"error {error:.3f}, of another state {other:.3f}"
 
 

@@ -166,7 +166,9 @@ def counts_within(
     states = dict(wanted)
     if share < 1:
         for role in (role for role in states if kind_of(role) == "indirect"):
-            states[role] = int(np.clip(states[role] * share, min(FEWEST_STATES, states[role]), states[role]))
+            # A light beside a mover is asked for in a multiple of the preset's states: it has more variables.
+            fewest = FEWEST_STATES * max(states[role] // preset.states, 1)
+            states[role] = int(np.clip(states[role] * share, min(fewest, states[role]), states[role]))
         share = paths / max(total(states), 1.0)
     bricks = preset.bricks > 0 and share >= BRICKS
     return ProbePlan(spacing, states, float(min(share, 1.0)), bricks)
