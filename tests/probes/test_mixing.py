@@ -42,15 +42,18 @@ def test_poses_are_interpolated_linearly(nodes):
     assert np.abs(mixed(StateMix(mix, poses), bases.ravel(), at) - expected).max() < 1e-4
 
 
-def test_dimmers_and_colours_multiply_each_group():
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("mix", [np.eye(2), np.random.default_rng(6).standard_normal((5, 2))])
+def test_dimmers_and_colours_multiply_each_group(mix):
+    # A basis for each group, or more groups than bases.
+    rng, groups = np.random.default_rng(1), len(mix)
     even, rest = rng.standard_normal((3, 2)), rng.standard_normal((3, 8, 2))
-    dimmers = rng.random((5, 3, 2))
-    found = mixed(
-        StateMix(np.eye(2)[None], lamps=True), np.concatenate([even.ravel(), rest.ravel()]), dimmers.reshape(5, 6)
-    )
-    np.testing.assert_allclose(found[:, :3], np.einsum("ck,nck->nc", even, dimmers), atol=1e-5)
-    np.testing.assert_allclose(found[:, 3:], np.einsum("chk,nck->nch", rest, dimmers).reshape(5, 24), atol=1e-5)
+    dimmers = rng.random((5, 3, groups))
+    factors = np.einsum("gk,ncg->nck", mix, dimmers)
+    mixing = StateMix(mix[None], lamps=True)
+    rows = dimmers.reshape(5, 3 * groups)
+    found = mixed(mixing, np.concatenate([even.ravel(), rest.ravel()]), rows)
+    np.testing.assert_allclose(found[:, :3], np.einsum("ck,nck->nc", even, factors), atol=1e-5)
+    np.testing.assert_allclose(found[:, 3:], np.einsum("chk,nck->nch", rest, factors).reshape(5, 24), atol=1e-5)
 
 
 def test_dimmers_multiply_each_group_in_the_pose():
