@@ -38,8 +38,11 @@ SAMPLING = ProbeSampling(8, 128, 256, most=1)
 # Places in the open of the rooms below, and the normals there.
 PLACES = np.array([[0.0, 1.0, 0.3], [-0.5, 0.5, 0.2], [0.5, 1.4, -0.2], [0.2, 0.4, 0.6]])
 NORMALS = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-# Mean error over the mean light, of places and states. A probe has 256 paths, a sample 128: 0.05 to 0.15 was measured.
-BAR = 0.25
+# The light of a sky comes through one side of the room: noisier, and a solve of noisy light is too dark.
+MORE = replace(SAMPLING, paths=1024, probe_paths=2048)
+# Mean error over the mean light, of places and states: 0.04 to 0.10 was measured, with a sky 0.17 and 0.21, of which
+# most is in the traced states too: second-order harmonics of the light through an opening. Another state differs by 1.
+BAR, SKY_BAR = 0.2, 0.3
 SLIDE, RAISE = "node:blind.translation=(0,0,0)..(0,1.6,0)", "node:screen.translation=(0,0,0)..(1.6,0,0)"
 LAMP, DAY = "light.position=box(-0.6,1.2,-0.6,0.6,1.8,0.6)", "day=2026-06-21,48.1,11.6"
 
@@ -59,15 +62,15 @@ def open_room(path: Path) -> Path:
     return path
 
 
-def baked(out: Path, spacing: str = "50cm", states: int = 24, **changes) -> dict:
+def baked(out: Path, sampling: ProbeSampling = SAMPLING, states: int = 24, **changes) -> dict:
     """Bake with few probes, and as many states of a light and of what moves together."""
     tiny = replace(
-        probe_light.PRESETS["draft"], states=states, rank=6, sampling=SAMPLING, static_sampling=SAMPLING, bricks=0.0
+        probe_light.PRESETS["draft"], states=states, rank=6, sampling=sampling, static_sampling=sampling, bricks=0.0
     )
     few = {"shards": 2, "steps": 300, "lights_per_shard": 16, "views": 1, "quality": "draft"} | changes
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(probe_light, "preset_of", lambda quality: ("draft", tiny))
-        return bake(small(out, field="factored+probes", options={"spacing": spacing}, **few))
+        return bake(small(out, field="factored+probes", options={"spacing": "50cm"}, **few))
 
 
 def asked(out: Path, name: str, **frame: np.ndarray) -> np.ndarray:
@@ -93,7 +96,6 @@ def check(found: Callable[[int], np.ndarray], truth: Sequence[np.ndarray], bar: 
     light, wanted = np.stack([found(k) for k in range(len(truth))]), np.stack(truth)
     error = np.abs(light - wanted).mean() / wanted.mean()
     other = np.abs(light - np.roll(wanted, 1, axis=0)).mean() / wanted.mean()
-    print("MEASURED", error, other)
     assert error < bar and other > 1.5 * error, f"error {error:.3f}, of another state {other:.3f}"
 
 
@@ -107,14 +109,15 @@ def moving(path: Path, vary: Sequence[str]) -> Scene:
 def test_a_light_beside_a_mover(tmp_path, kind):
     path, out = open_room(tmp_path / "room.glb"), tmp_path / "out"
     vary = (SLIDE, LAMP) if kind == "lamp" else (SLIDE, DAY, "day.north=180")
-    report = baked(out, scene=str(path), vary=vary)
+    report = baked(out, MORE if kind == "day" else SAMPLING, scene=str(path), vary=vary)
     assert validate_file(out) == []
     assert report["facts"]["indirect_probes"]["follows"] == "the light that moves and the node that moves"
     assert not list(out.glob("*.lwp"))
     scene, (variable,) = moving(path, vary), declared_lights(out)
     poses, lights = [0.0, 0.9, 0.2, 0.7, 1.0, 0.4], held_out_lights(load(str(path)), variable, 6, 1)
     truth = [traced(posed(scene, (pose,)), variable, light) for pose, light in zip(poses, lights)]
-    check(lambda k: asked(out, "indirect", light=lights[k], pose=poses[k]), truth)
+    bar = SKY_BAR if kind == "day" else BAR
+    check(lambda k: asked(out, "indirect", light=lights[k], pose=poses[k]), truth, bar)
 
 
 @pytest.mark.slow
@@ -158,7 +161,7 @@ def test_more_than_16_states_have_16_bases(tmp_path):
 @pytest.mark.slow
 def test_two_lights_add_up(tmp_path):
     path, out = open_room(tmp_path / "room.glb"), tmp_path / "out"
-    baked(out, scene=str(path), vary=(LAMP, DAY, "day.north=180"))
+    baked(out, MORE, scene=str(path), vary=(LAMP, DAY, "day.north=180"))
     assert validate_file(out) == []
     _, probes, _ = read_light(out / "scene.glb")
     assert [(entry.name, entry.role, entry.variable) for entry in probes] == [
@@ -168,7 +171,8 @@ def test_two_lights_add_up(tmp_path):
     scene = load(str(path))
     for name, variable in zip(("indirect", "indirect-day"), declared_lights(out)):
         lights = held_out_lights(scene, variable, 5, 1)
-        check(lambda k: asked(out, name, light=lights[k]), [traced(scene, variable, light) for light in lights])  # noqa: B023
+        truth = [traced(scene, variable, light) for light in lights]
+        check(lambda k: asked(out, name, light=lights[k]), truth, SKY_BAR)  # noqa: B023
     # Engines are given the sum of both.
     assert {file.name for file in out.glob("*.lwp")} == {"probes-indirect.lwp", "probes-indirect-day.lwp"}
     assert read_bake(out).probes is not None
