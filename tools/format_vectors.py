@@ -24,9 +24,13 @@ from lightwell.graph.ops import OPS, Op
 from lightwell.graph.ops.example import POINTS, coordinates, directions
 from lightwell.graph.ops.hashgrid import levels
 from lightwell.graph.ops.tree import random_tree
+from lightwell.graph.pose_basis import PoseBasis
 from lightwell.graph.quantise import quantise
 from lightwell.graph.serial import graph_to_json, schema
+from lightwell.probes.code import StateMix
 from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.lower import shaded
+from lightwell.probes.spline import SplineMix
 from lightwell.probes.split.cut import Cuts
 from lightwell.probes.split.fit import rounded
 from lightwell.probes.split.grid import SplitGrid
@@ -221,13 +225,30 @@ def _volume(rng: np.random.Generator) -> Vectors:
     return {"network_volume": (graph, {name: values[chosen] for name, values in scene.items() if len(values) > 1})}
 
 
+def _probe_light(rng: np.random.Generator) -> Vectors:
+    """Light of probes that follows everything: a light and two movers, and five lamps and two movers."""
+    out, scene = {}, _scene(rng)
+    grid = PoseBasis(((0.0, 0.4, 1.0), (0.0, 1.0)))
+    states = rng.uniform(-0.8, 0.8, (20, 3)), rng.random((20, 2)), rng.normal(size=(20, 4))
+    for name, mixing in (
+        ("light", SplineMix.of(*states, directions=False)),
+        ("lamps", StateMix(rng.normal(size=(grid.count, 5, 4)), grid, lamps=True)),
+    ):
+        b = Builder(position=3, normal=3, **mixing.inputs)
+        bases = b.linear("position", rng.normal(0, 0.3, (108, 3)), rng.normal(0.5, 0.3, 108))
+        graph = b.build(radiance=shaded(b, mixing.mixed(b, bases), 1.0))
+        more = {"lamps": rng.uniform(0, 1.5, (1, 15)), "pose": rng.random((1, 2))}
+        out[f"network_probe_{name}"] = (graph, scene | more)
+    return out
+
+
 def cases() -> Vectors:
     """Make every test vector; inputs are float32."""
     found: Vectors = {}
     for op in OPS.values():
         found |= _examples(op)
     # These seeds keep the vectors that there are as they are.
-    for number, maker in ((4, _networks), (6, _lamps), (7, _stored_types), (8, _volume)):
+    for number, maker in ((4, _networks), (6, _lamps), (7, _stored_types), (8, _volume), (9, _probe_light)):
         found |= maker(np.random.default_rng((SEED, number)))
     return {
         name: (graph, {k: v.astype(np.float32) for k, v in inputs.items()}) for name, (graph, inputs) in found.items()

@@ -10,7 +10,7 @@ import base64
 import json
 import shutil
 import subprocess
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.asset.container import read_file, refusing
-from lightwell.asset.read import read_fields
+from lightwell.asset.read import read_light
 from lightwell.asset.records import EXTENSION, MOVING, FieldEntry
 from lightwell.files import write_atomically
 from lightwell.graph import graph_to_json
@@ -36,6 +36,8 @@ ENDINGS = {
     "msl": ".metal",
     "gdshader": ".gdshaderinc",
 }
+# Begins the names of probes.
+PROBES = "probes:"
 # Seconds that printing may take: the largest field that FORMAT.md allows takes a few.
 TIMEOUT = 120
 # Reads the exporter's path and the request, writes the answer.
@@ -69,12 +71,12 @@ def export_field(
     weights: str = "",
     limits: Limits | None = None,
 ) -> Exported:
-    """Print the radiance of a field of a baked asset as shader source.
+    """Print the radiance of a field of a baked asset, or of its probes, as shader source.
 
     Args:
         path: A GLB, or the folder of a bake.
         to: Target language, one of ``TARGETS``.
-        field: Name of the field; "" takes the first one.
+        field: Name of the field, or ``probes:NAME`` for the probes of that name; "" takes the first field.
         name: Name of the printed function.
         weights: "inline" (literals in the text) or "table" (textures); "" chooses literals up to 16,384 multiply-adds.
         limits: Largest file, memory and work that the asset may need; None for the defaults of ``Limits``.
@@ -88,8 +90,8 @@ def export_field(
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
-    fields, variables = read_fields(path, limits)
-    entry = _named(fields, field, path)
+    fields, probes, variables = read_light(path, limits)
+    entry = _named([*fields, *(replace(entry, name=PROBES + entry.name) for entry in probes)], field, path)
     document, _ = read_file(path, limits)
     with refusing(path):
         request, bounds = _request(entry, document), _bounds(document)
@@ -151,7 +153,8 @@ def _named(fields: list[FieldEntry], name: str, path: Path) -> FieldEntry:
 def _request(entry: FieldEntry, document: dict[str, Any]) -> dict[str, Any]:
     """The exporter's request: the graph, its arrays, and the mip levels of the buffers that are pictures."""
     graph, arrays = graph_to_json(entry.graph.only("radiance"))
-    stored = next(f for f in document["extensions"][EXTENSION]["fields"] if f["name"] == entry.name)["graph"]
+    table, name = ("probes", entry.name[len(PROBES) :]) if entry.name.startswith(PROBES) else ("fields", entry.name)
+    stored = next(f for f in document["extensions"][EXTENSION].get(table, ()) if f["name"] == name)["graph"]
     declared = stored.get("buffers", {})
     pictures = {name: declared[name].get("mips", 0) for name in graph["buffers"] if "texture" in declared[name]}
     numbers = {

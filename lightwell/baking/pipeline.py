@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -168,7 +168,6 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     stage = choose_stage(state.scene, state.variable, units, settings, state.more)
     exposure = attempt_exposure(state, stage, settings, notes)
     budget = reference_budget(settings, job, first.fit, len(roles))
-    shown = Shown(stage.views[0][1], stage.intensity * np.asarray(stage.color))
     # The asset is written before anything is scored, because scoring may fail.
     with job.work.timed("write"):
         size = write_asset(settings.out, state, shipped, shown_lights(state, stage), exposure)
@@ -184,7 +183,7 @@ def _score_and_write(state: State, settings: BakeSettings, name: str, shipped: S
     with job.work.timed("write"):
         pages: list[str] = []
         try:
-            pages = _write_files(settings, job, shipped, shown)
+            pages = _write_files(settings, job, shipped, partial(_shown, stage))
         finally:  # also where a file of the field fails
             links = [PAGE, *(PageLink(name, f"{Path(name).stem} page") for name in pages)]
             data = replace(data, asset_bytes=size, links=links)
@@ -266,7 +265,9 @@ def write_asset(
         FieldEntry(s.lowered.name or s.role, kind_of(s.role), s.lowered.graph, number.get(s.role), s.lowered.pictures)
         for s in shipped
     ]
-    probes = [FieldEntry(s.role, s.role, s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes]
+    probes = [
+        FieldEntry(s.role, kind_of(s.role), s.lowered.probes, number.get(s.role)) for s in shipped if s.lowered.probes
+    ]
     fallback = next((s.lowered.fallback for s in shipped if s.lowered.fallback), None)
     shines = state.scene.surrounding is not None or any(s.role == "static" for s in shipped)
     return write_glb(
@@ -325,7 +326,7 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     exposure = declared_exposure(Path(again.facts["from"]) / "scene.glb")
     variables = [] if state.variable is None else [to_json(state.variable, again.shown.light, strength, color)]
     size = write_asset(settings.out, state, shipped, variables, exposure)
-    _write_files(settings, state.job, shipped, again.shown)
+    _write_files(settings, state.job, shipped, lambda role: again.shown)
     if again.page:
         home = lit_views(state.scene, state.variable, 1, settings.seed)[0][0]
         page = {"title": _title(state.scene), "glb": _asset(settings.out), "home": home, "exposure": exposure}
@@ -337,12 +338,18 @@ def _write_rebake(state: State, settings: BakeSettings, shipped: Sequence[Shippe
     return told
 
 
-def _write_files(settings: Reported, job: Job, shipped: Sequence[Shipped], shown: Shown) -> list[str]:
+def _shown(stage: ViewSetup, role: Role) -> Shown:
+    """The light of a role as it is shown first."""
+    light = next((light for light in stage.more if light.role == role), stage)
+    return Shown(stage.place(role, 0), light.intensity * np.asarray(light.color))
+
+
+def _write_files(settings: Reported, job: Job, shipped: Sequence[Shipped], shown: Callable[[Role], Shown]) -> list[str]:
     """Write the files of a field beside the asset; the names of those that are pages."""
     pages: list[str] = []
     store = job.work.store if job.work.keep else None
     for s in shipped:
-        files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown, store)
+        files: list[ExtraFile] = s.fit.files(settings.out / "scene.glb", shown(s.role), store)
         for file in files:
             file.write(settings.out / file.name)
             pages += [file.name] if file.media_type == "text/html" else []

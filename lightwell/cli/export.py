@@ -28,7 +28,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
     parser.add_argument("--to", required=True, metavar="TARGET", help=TARGETS_HELP)
     parser.add_argument("-o", "--out", help="file of a language, folder of an engine (default: beside the asset)")
-    parser.add_argument("--field", default="", help="name of the field (default: the first)")
+    parser.add_argument("--field", default="", help="name of the field, or probes:NAME (default: the first field)")
     parser.add_argument("--name", default="lightwell", help="name of the function (default: %(default)s)")
     parser.add_argument(
         "--weights", default="", help="inline (literals) or table (default: by the size of the network)"

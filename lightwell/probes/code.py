@@ -1,5 +1,10 @@
-"""Mixing factors of K bases, evaluated once per frame: of the position of a light, the dimmers of lamps, a pose, or
-dimmers and a pose."""
+"""Mixing factors of K bases, evaluated once per frame.
+
+Bases are singular vectors of the light in some states of all variables together, or those states themselves where they
+are few. Their factors are interpolated between the states: by a spline where a declared light is one of the variables
+(``SplineMix``), else by the dimmers of lamps and hat functions of poses (``StateMix``). A field of probes alone learns
+them from samples at surfaces, by a network (``WeightCode``).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +15,8 @@ import numpy as np
 
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.layers import add_layers
+from lightwell.graph.pose_basis import PoseBasis
+from lightwell.probes.spline import SplineMix
 
 
 @dataclass(frozen=True)
@@ -87,99 +94,54 @@ class WeightCode:
 
 
 @dataclass(frozen=True)
-class LampMix:
-    """One basis per group of lamps; its factors are the dimmers and colours of the groups."""
+class StateMix:
+    """Bases of states of the scene's own light: of every group of lamps in every pose at the nodes of a grid.
 
-    groups: int
-    """K."""
+    The factors of the bases are linear in the dimmers of the groups, and between the nodes linear in each slider:
+    c_k = Σ_p B_p(pose) Σ_g dimmer_g mix_pgk, with the functions B of ``PoseBasis``.
+    """
 
-    @property
-    def inputs(self) -> dict[str, int]:
-        """Inputs of a graph that the factors depend on, and their widths."""
-        return {"lamps": 3 * self.groups}
-
-    def mixed(self, b: Builder, bases: str) -> str:
-        """Add the sum of the groups' light, colour by colour, to a graph.
-
-        Args:
-            b: Graph under construction with the input ``lamps`` [3 K]: red of all groups, then green, then blue.
-            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
-
-        Returns:
-            Name of the node with the 27 numbers.
-        """
-        k = self.groups
-        return _by_color(b, bases, [b.slice("lamps", color * k, k, per_frame=True) for color in range(3)], k)
-
-
-@dataclass(frozen=True)
-class PoseMix:
-    """One basis per pose that was traced; between two poses their light is interpolated linearly."""
-
-    poses: tuple[float, ...]
-    """[K] increasing sliders from 0 to 1, K ≥ 2."""
-
-    @property
-    def inputs(self) -> dict[str, int]:
-        """Inputs of a graph that the factors depend on, and their widths."""
-        return {"pose": 1}
-
-    def mixed(self, b: Builder, bases: str) -> str:
-        """Add the light at a pose to a graph.
-
-        Args:
-            b: Graph under construction with the input ``pose`` [1].
-            bases: Name of the node with the bases [27 K], the factor's index fastest.
-
-        Returns:
-            Name of the node with the 27 numbers.
-        """
-        return b.matvec(bases, _between(b, self.poses, np.eye(len(self.poses))), 27)
-
-
-@dataclass(frozen=True)
-class PosedLampMix:
-    """Bases of all groups in all poses; a group's factors are interpolated linearly between two poses."""
-
-    poses: tuple[float, ...]
-    """[P] increasing sliders from 0 to 1, P ≥ 2."""
     mix: np.ndarray
     """[P, G, K] factors of the bases that give the light of each group in each pose."""
+    basis: PoseBasis | None = None
+    """P functions of the sliders of what moves; None: nothing moves, P is 1."""
+    lamps: bool = False
+    """Whether the groups have dimmers; else there is one, G is 1."""
 
     @property
     def inputs(self) -> dict[str, int]:
         """Inputs of a graph that the factors depend on, and their widths."""
-        return {"lamps": 3 * self.mix.shape[1], "pose": 1}
+        lamps = {"lamps": 3 * self.mix.shape[1]} if self.lamps else {}
+        return lamps | ({"pose": len(self.basis.nodes)} if self.basis else {})
 
     def mixed(self, b: Builder, bases: str) -> str:
-        """Add the sum of the groups' light in a pose, colour by colour, to a graph.
+        """Add the light of the groups in a pose, colour by colour, to a graph.
 
         Args:
-            b: Graph under construction with the inputs ``lamps`` [3 G], as ``LampMix`` has them, and ``pose`` [1].
-            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each.
+            b: Graph under construction with the inputs ``lamps`` [3 G], red of all groups, then green, then blue, and
+                ``pose`` [M], as far as there are lamps and movers.
+            bases: Name of the node with the bases [27 K]: band 0 of three colours, then eight harmonics of each; the
+                factor's index is fastest.
 
         Returns:
             Name of the node with the 27 numbers.
         """
-        poses, groups, k = self.mix.shape
-        # [K, G]: basis by group.
-        of_groups = _between(b, self.poses, self.mix.transpose(2, 1, 0).reshape(k * groups, poses))
+        _, groups, k = self.mix.shape
+        if not self.lamps:
+            return b.matvec(bases, self._of_groups(b), 27)
         dimmers = [b.slice("lamps", color * groups, groups, per_frame=True) for color in range(3)]
+        if self.basis is None:
+            weights, none = self.mix[0].T, np.zeros(k)
+            return _by_color(b, bases, [b.linear(d, weights, none, per_frame=True) for d in dimmers], k)
+        of_groups = self._of_groups(b)
         return _by_color(b, bases, [b.matvec(of_groups, d, k, per_frame=True) for d in dimmers], k)
 
-
-def _between(b: Builder, poses: tuple[float, ...], values: np.ndarray) -> str:
-    """[N] numbers at the input ``pose``, interpolated linearly between those [N, P] of the poses."""
-    at, count = np.array(poses), len(poses)
-    # max(pose - at, 0) bends at each pose; their sums with these factors are the hat functions of the poses.
-    bends = b.activate(b.linear("pose", np.ones((count, 1)), -at, per_frame=True), "relu", per_frame=True)
-    hats, slope = np.zeros((count, count)), 1 / np.diff(at)
-    for k in range(count - 1):
-        hats[k, k] -= slope[k]
-        hats[k, k + 1] += slope[k]
-        hats[k + 1, k] += slope[k]
-        hats[k + 1, k + 1] -= slope[k]
-    return b.linear(bends, values @ hats, values[:, 0], per_frame=True)
+    def _of_groups(self, b: Builder) -> str:
+        """[K G] factors of the bases for each group in the pose, the group's index fastest."""
+        assert self.basis is not None
+        poses, groups, k = self.mix.shape
+        weights = self.mix.transpose(2, 1, 0).reshape(k * groups, poses)
+        return b.linear(self.basis.add(b), weights, np.zeros(k * groups), per_frame=True)
 
 
 def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str:
@@ -191,5 +153,5 @@ def _by_color(b: Builder, bases: str, factors: Sequence[str], count: int) -> str
     return b.concat(*even, *rest)
 
 
-Mixing = WeightCode | LampMix | PoseMix | PosedLampMix
+Mixing = WeightCode | SplineMix | StateMix
 """What the factors of a volume's bases are computed from."""

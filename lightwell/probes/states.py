@@ -1,5 +1,5 @@
-"""States of light that a volume is traced for: a declared light at several places, or the scene's own light, of one
-group of lamps after the other or in several poses.
+"""States of light that a volume is traced for: a declared light at several places, the scene's own light of one group
+of lamps after the other, either of them in several poses of what moves.
 """
 
 from __future__ import annotations
@@ -13,21 +13,24 @@ from lightwell.scenes.variables import Variable
 
 
 @dataclass(frozen=True)
-class OwnStates:
-    """S states of the scene's own light."""
+class JointStates:
+    """S states of several variables together."""
 
     scenes: tuple[Scene, ...]
     """[S] the scene in each state: other poses of what moves."""
-    emitters: tuple[tuple[int, ...], ...]
-    """[S] indices of the emitters that shine; empty: all of them."""
+    emitters: tuple[tuple[int, ...], ...] = ()
+    """[S] indices of the scene's own emitters that shine; empty: all of them, in every state."""
+    lights: np.ndarray | None = None
+    """[S, 3] positions (or directions) of the declared light; None: the scene's own light."""
 
     def __len__(self) -> int:
         """Return S."""
         return len(self.scenes)
 
 
-Lights = np.ndarray | OwnStates | None
-"""[S, 3] positions (or directions) of a declared light, states of the scene's own, or None: that as it is."""
+Lights = np.ndarray | JointStates | None
+"""[S, 3] positions (or directions) of a declared light, states of several variables, or None: the scene's own light as
+it is."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,11 @@ def states_of(scene: Scene, variable: Variable | None, lights: Lights) -> list[L
     Returns:
         S states.
     """
-    if isinstance(lights, OwnStates):
-        return [LightState(at, None, None, found) for at, found in zip(lights.scenes, lights.emitters)]
+    if isinstance(lights, JointStates):
+        emitters = lights.emitters or ((),) * len(lights)
+        if lights.lights is None:
+            return [LightState(at, None, None, found) for at, found in zip(lights.scenes, emitters)]
+        return [LightState(at, variable, light, ()) for at, light in zip(lights.scenes, lights.lights)]
     if lights is None:
         return [LightState(scene, None, None, ())]
     return [LightState(scene, variable, at, ()) for at in lights]

@@ -172,7 +172,9 @@ def _launch(scene: Scene, place, normal, streams, settings, span, variable, ligh
     rng = random_streams(seed, stream, (group & 1) * size + path)
     shift = random_streams(seed, stream, LATTICE_STREAM + (group & 1))
     p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
-    source = emitters if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row))
+    source = (
+        emitters if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row), scene.surrounding)
+    )
     u = stratified(shift, path, size)[1]
     columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None and direct)
     dr.eval(columns)
@@ -184,7 +186,7 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
     totals = [mi.Float(0)] * 30
     at = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
     at.p, at.t = p, mi.Float(0)
-    # Of a day the sky is learned whole; its sun is the rasteriser's, as any declared light.
+    # A sky and an environment map that turns are learned whole; a sun is the rasteriser's, as any declared light.
     straight = own or source.first_hit
     # ------------------------ Emitter sampling ------------------------
     if straight:

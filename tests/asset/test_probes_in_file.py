@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lightwell.asset.export import export_field
 from lightwell.asset.info import info
 from lightwell.asset.read import read_fields, read_light
 from lightwell.asset.records import FieldEntry
@@ -48,6 +49,14 @@ def test_both_are_read_back(written):
     assert validate_file(written) == []
     told = info(written)
     assert [probe["name"] for probe in told["probes"]] == ["static"] and told["probe_bytes"] == told["field_bytes"] > 0
+
+
+def test_the_light_in_the_air_is_exported_too(written):
+    walls, air = (export_field(written, "glsl", field=name).text for name in ("static", "probes:static"))
+    # Scaled by 1 and by 2.
+    assert "2." in air and walls != air
+    with pytest.raises(ValueError, match="no field 'probes:air'; it has 'static', 'probes:static'"):
+        export_field(written, "glsl", field="probes:air")
 
 
 @pytest.mark.parametrize(

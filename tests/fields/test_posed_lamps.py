@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lightwell.fields.surface.lamp_samples import LampSamples
-from lightwell.fields.surface.pose_basis import MOST_BASES, PoseBasis
+from lightwell.fields.surface.pose_basis import MOST_BASES, pose_basis
 from lightwell.fields.surface.posed_lamps import PosedLampsFit, pose_order
 from lightwell.graph import Builder, evaluate
 from lightwell.scenes.movers import pose_nodes
@@ -96,12 +96,12 @@ def test_rows_are_trained_in_runs_of_one_pose():
 
 @pytest.mark.parametrize("poses, bases", [(8, 8), (16, 16), (32, 16)])
 def test_one_mover_has_a_base_for_each_traced_pose_up_to_sixteen(poses, bases):
-    assert PoseBasis.of(pose_nodes(poses)).count == bases <= MOST_BASES
+    assert pose_basis(pose_nodes(poses)).count == bases <= MOST_BASES
 
 
 @pytest.mark.parametrize("movers, poses, bases", [(1, 8, 8), (2, 8, 4), (2, 32, 16), (3, 12, 8), (3, 96, 8)])
 def test_bases_are_never_negative_and_sum_to_one(movers, poses, bases):
-    basis, b = PoseBasis.of(pose_nodes(poses, movers)), Builder(pose=movers)
+    basis, b = pose_basis(pose_nodes(poses, movers)), Builder(pose=movers)
     graph = b.build(basis=basis.add(b))
     pose = np.concatenate([np.random.default_rng(3).random((500, movers)), pose_nodes(poses, movers)])
     found = evaluate(graph, {"pose": pose.astype(np.float32)})["basis"]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
 from lightwell.graph import Builder, evaluate
-from lightwell.probes.code import LampMix, PosedLampMix, PoseMix
+from lightwell.graph.pose_basis import PoseBasis
+from lightwell.probes.code import StateMix
+from lightwell.probes.spline import SplineMix
 from lightwell.probes.trace import air_light
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.scene import Material
@@ -24,33 +27,72 @@ def mixed(mixing, bases: np.ndarray, *given: np.ndarray) -> np.ndarray:
     return evaluate(graph, {"position": np.zeros((len(given[0]), 3), np.float32), **frame})["out"]
 
 
-def test_poses_are_interpolated_linearly():
-    poses, at = (0.0, 0.2, 0.7, 1.0), np.linspace(0, 1, 21)
-    bases = np.random.default_rng(0).standard_normal((27, len(poses)))
-    expected = np.stack([np.interp(at, poses, row) for row in bases], axis=1)
-    assert np.abs(mixed(PoseMix(poses), bases.ravel(), at[:, None]) - expected).max() < 1e-5
+def by_hand(mix: np.ndarray, nodes: tuple[tuple[float, ...], ...], pose: np.ndarray) -> np.ndarray:
+    """[N, G, K] factors at poses [N, M], interpolated with SciPy between those [P, G, K] of the nodes."""
+    grid = mix.reshape(*(len(own) for own in nodes), *mix.shape[1:])
+    return RegularGridInterpolator(nodes, grid)(pose)
 
 
-def test_dimmers_and_colours_multiply_each_group():
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("nodes", [((0.0, 0.2, 0.7, 1.0),), ((0.0, 0.4, 1.0), (0.0, 1.0)), ((0.0, 0.3, 1.0),) * 3])
+def test_poses_are_interpolated_linearly(nodes):
+    rng, poses = np.random.default_rng(0), PoseBasis(nodes)
+    at = np.concatenate([poses.poses, rng.random((21, len(nodes)))])
+    bases, mix = rng.standard_normal((27, 5)), rng.standard_normal((poses.count, 1, 5))
+    expected = by_hand(mix, nodes, at)[:, 0] @ bases.T
+    assert np.abs(mixed(StateMix(mix, poses), bases.ravel(), at) - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize("mix", [np.eye(2), np.random.default_rng(6).standard_normal((5, 2))])
+def test_dimmers_and_colours_multiply_each_group(mix):
+    # A basis for each group, or more groups than bases.
+    rng, groups = np.random.default_rng(1), len(mix)
     even, rest = rng.standard_normal((3, 2)), rng.standard_normal((3, 8, 2))
-    dimmers = rng.random((5, 3, 2))
-    found = mixed(LampMix(2), np.concatenate([even.ravel(), rest.ravel()]), dimmers.reshape(5, 6))
-    np.testing.assert_allclose(found[:, :3], np.einsum("ck,nck->nc", even, dimmers), atol=1e-5)
-    np.testing.assert_allclose(found[:, 3:], np.einsum("chk,nck->nch", rest, dimmers).reshape(5, 24), atol=1e-5)
+    dimmers = rng.random((5, 3, groups))
+    factors = np.einsum("gk,ncg->nck", mix, dimmers)
+    mixing = StateMix(mix[None], lamps=True)
+    rows = dimmers.reshape(5, 3 * groups)
+    found = mixed(mixing, np.concatenate([even.ravel(), rest.ravel()]), rows)
+    np.testing.assert_allclose(found[:, :3], np.einsum("ck,nck->nc", even, factors), atol=1e-5)
+    np.testing.assert_allclose(found[:, 3:], np.einsum("chk,nck->nch", rest, factors).reshape(5, 24), atol=1e-5)
 
 
 def test_dimmers_multiply_each_group_in_the_pose():
-    rng, poses, at = np.random.default_rng(2), (0.0, 0.3, 1.0), np.array([0.0, 0.15, 0.3, 0.65, 1.0])
-    even, rest, mix = rng.standard_normal((3, 4)), rng.standard_normal((3, 8, 4)), rng.standard_normal((3, 2, 4))
-    dimmers = rng.random((5, 3, 2))
-    between = np.stack([[np.interp(at, poses, row) for row in group] for group in mix.transpose(1, 2, 0)])
-    factors = np.einsum("gkn,ncg->nck", between, dimmers)
-    found = mixed(
-        PosedLampMix(poses, mix), np.concatenate([even.ravel(), rest.ravel()]), dimmers.reshape(5, 6), at[:, None]
-    )
+    rng, nodes = np.random.default_rng(2), ((0.0, 0.3, 1.0), (0.0, 1.0))
+    even, rest, mix = rng.standard_normal((3, 4)), rng.standard_normal((3, 8, 4)), rng.standard_normal((6, 2, 4))
+    dimmers, at = rng.random((5, 3, 2)), rng.random((5, 2))
+    factors = np.einsum("ngk,ncg->nck", by_hand(mix, nodes, at), dimmers)
+    mixing = StateMix(mix, PoseBasis(nodes), lamps=True)
+    found = mixed(mixing, np.concatenate([even.ravel(), rest.ravel()]), dimmers.reshape(5, 6), at)
     np.testing.assert_allclose(found[:, :3], np.einsum("ck,nck->nc", even, factors), atol=1e-5)
     np.testing.assert_allclose(found[:, 3:], np.einsum("chk,nck->nch", rest, factors).reshape(5, 24), atol=1e-5)
+
+
+@pytest.mark.parametrize("movers", [0, 1, 3])
+def test_the_spline_of_a_light_passes_through_its_states(movers):
+    rng = np.random.default_rng(3)
+    light, pose, factors = rng.uniform(1, 4, (40, 3)), rng.random((40, movers)), rng.standard_normal((40, 5))
+    mix, bases = SplineMix.of(light, pose, factors, directions=False), rng.standard_normal((27, 5))
+    assert mix.inputs == {"light": 3} | ({"pose": movers} if movers else {})
+    frame = (light, pose) if movers else (light,)
+    np.testing.assert_allclose(mix.factors(*frame), factors, atol=2e-3)
+    np.testing.assert_allclose(mixed(mix, bases.ravel(), *frame), factors @ bases.T, atol=2e-2)
+    # Linear functions are reproduced everywhere.
+    slope = rng.standard_normal((3 + movers, 2))
+    linear = SplineMix.of(light, pose, np.concatenate([light, pose], axis=1) @ slope, directions=False)
+    at = rng.uniform(1, 4, (9, 3)), rng.random((9, movers))
+    found = linear.factors(*at) if movers else linear.factors(at[0])
+    np.testing.assert_allclose(found, np.concatenate(at, axis=1) @ slope, atol=5e-3)
+
+
+@pytest.mark.parametrize("height", [0.0, 0.4])
+def test_the_spline_of_directions_on_a_circle_follows_them(height):
+    # All in a plane: of an environment map that turns, height 0, or of an arc.
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ring = lambda a: np.stack([np.sin(a), np.full_like(a, height), -np.cos(a)], axis=1)  # noqa: E731
+    wave = lambda a: np.stack([np.sin(a), np.cos(2 * a), np.sin(3 * a + 1)], axis=1)  # noqa: E731
+    mix = SplineMix.of(ring(turn), np.zeros((24, 0)), wave(turn), directions=True)
+    between = turn + np.pi / 24
+    np.testing.assert_allclose(mix.factors(ring(between)), wave(between), atol=0.05)
 
 
 @pytest.fixture(scope="module")

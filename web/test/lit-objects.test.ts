@@ -40,6 +40,26 @@ const AIR: FixtureField = {
   },
 };
 
+/** Radiance = (0.3 + 0.1 light) (0.5 + pose): of a light beside what moves. */
+const BESIDE_A_MOVER: FixtureField = {
+  name: "both",
+  role: "indirect",
+  variable: 0,
+  graph: {
+    version: 1,
+    inputs: { position: 3, normal: 3, light: 3, pose: 1 },
+    nodes: [
+      { id: "l", op: "affine", inputs: ["light"], scale: [0.1, 0.1, 0.1], offset: [0.3, 0.3, 0.3], per_frame: true },
+      { id: "p", op: "affine", inputs: ["pose"], scale: [1], offset: [0.5], per_frame: true },
+      { id: "factor", op: "multiply", inputs: ["l", "p"], per_frame: true },
+      { id: "one", op: "affine", inputs: ["position"], scale: [0, 0, 0], offset: [1, 1, 1] },
+      { id: "y", op: "multiply", inputs: ["one", "factor"] },
+    ],
+    outputs: { radiance: "y" },
+  },
+};
+const SLIDE = { name: "Slide", kind: "node", node: 1, path: "translation", axis: [0, 1, 0], range: [0, 0.1], unit: "metres", initial: 0 };
+
 /** Point and normal of the ball in a pixel. */
 function onBall(x: number, y: number, { position, target, fovY }: Request["camera"], center: Point): { point: Point; normal: Point } {
   const camera = new PerspectiveCamera(fovY, WIDTH / HEIGHT, 0.01, 100);
@@ -90,6 +110,18 @@ describe.each(["webgl", "webgpu"] as const)("with %s", (kind) => {
       const expected = (WHITE[0] + 0.04) * (wall[c]! * LAMP.color[c]! * LAMP.intensity + STILL[c]!);
       expect(Math.abs(value / expected - 1)).toBeLessThan(2e-3);
     });
+  });
+
+  it("its light follows a lamp and what moves together", async () => {
+    const lit: Point = [0, 1, 0.5];
+    const glb = room({ variables: [LAMP, SLIDE], fields: [linearField()], probes: [BESIDE_A_MOVER] });
+    for (const slid of [0, 0.07]) {
+      const answer = await draw(kind, glb, { lit, movers: { Slide: slid } });
+      pixel(answer, 48, 36).forEach((value, c) => {
+        const expected = (0.3 + 0.1 * LAMP.initial[c]!) * (0.5 + slid / 0.1) * LAMP.color[c]! * LAMP.intensity;
+        expect(Math.abs(value / (REFLECTANCE * expected) - 1)).toBeLessThan(5e-3);
+      });
+    }
   });
 
   it("in a baked file it is lit as the probes' graph says, and follows the door", async () => {

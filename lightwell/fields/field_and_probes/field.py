@@ -15,7 +15,7 @@ import numpy as np
 
 from lightwell.core.store import Store
 from lightwell.core.work import WorkPart
-from lightwell.fields.field_and_probes.light import ProbeLight, RoleProbes, check_probes
+from lightwell.fields.field_and_probes.light import ProbeLight, RoleProbes
 from lightwell.fields.field_and_probes.options import FieldAndProbesOptions
 from lightwell.fields.protocol import ExtraFile, Job, Lowered, Role, Shown, State, Traced, Training
 from lightwell.fields.surface.factored import PRESETS, FactoredField, FactoredFit
@@ -23,9 +23,8 @@ from lightwell.fields.surface.field import SurfaceFit
 from lightwell.fields.surface.lamp_samples import LampTraining
 from lightwell.fields.surface.training import SurfaceSamples
 from lightwell.files import write_atomically
-from lightwell.graph import Graph, evaluate
-from lightwell.graph.builder import Builder
-from lightwell.probes.code import PosedLampMix, PoseMix, WeightCode
+from lightwell.graph import Graph
+from lightwell.probes.code import StateMix
 from lightwell.probes.file import encode_volume
 from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.samples import Query, SurfacePoints
@@ -103,7 +102,7 @@ class FieldAndProbesFit:
         told, error = self.probes.facts, self.probes.facts["error_in_the_air"]
         known = "" if error is None else f", error in the air {error:.1%}"
         self.note = f"{told['count']} probes {told['spacing']:.2g} m apart{known}; they follow {told['follows']}"
-        if isinstance(self.probes.mixing, PoseMix | PosedLampMix):
+        if self.probes.mixing is not None and "pose" in self.probes.mixing.inputs:
             return []
         lit = self._shown(shown)
         volume = self.probes.volume.lit(lit)
@@ -115,11 +114,11 @@ class FieldAndProbesFit:
     def _shown(self, shown: Shown) -> np.ndarray:
         """[P + F, 9, 3] light of the probes as it is shown first."""
         probes = self.probes
-        if not isinstance(probes.mixing, WeightCode):
-            return probes.basis.sum(axis=-1)
-        b = Builder(light=3)
-        graph = b.build(code=probes.mixing.node(b))
-        factors = evaluate(graph, {"light": np.asarray(shown.light, np.float32).reshape(1, 3)})["code"][0]
+        if probes.mixing is None:
+            return probes.basis[..., 0]
+        if isinstance(probes.mixing, StateMix):
+            return probes.basis @ probes.mixing.mix.sum(axis=(0, 1))
+        factors = probes.mixing.factors(np.reshape(shown.light, (1, 3)))[0]
         # A day is learned for light divided by its level.
         level = float(self.variable.level(shown.light)) if has_sky(self.variable) else 1.0
         return (probes.basis @ factors) * np.broadcast_to(level * shown.intensity, 3)
@@ -132,11 +131,8 @@ def _write(data: bytes, path: Path) -> None:
 class FieldAndProbes(FactoredField):
     """See ``lightwell.fields.protocol.Field``."""
 
-    learns_turning = False
-    """Whether the probes have the light of an environment map that turns."""
-
     def prepare(self, job: Job) -> State:
-        """Find what varies, and refuse what probes cannot follow.
+        """Find what varies; the probes follow whatever the field does.
 
         Args:
             job: Scene and settings.
@@ -145,13 +141,11 @@ class FieldAndProbes(FactoredField):
             The prepared scene.
 
         Raises:
-            ValueError: Probes cannot follow what varies, or fields are compared.
+            ValueError: Fields are compared.
         """
         if job.shared:
             raise ValueError("compare: 'factored+probes' is two fields in one file; compare factored and probes")
-        state = super().prepare(job)
-        check_probes(state)
-        return state
+        return super().prepare(job)
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | LampTraining:
         """Solve the probes of all roles before the first samples are planned, then trace the samples of a role.
@@ -181,10 +175,9 @@ class FieldAndProbes(FactoredField):
         Returns:
             The finished fit.
         """
-        training = None if isinstance(samples, LampTraining) else samples.training
-        probes = ProbeLight(state).fitted(role, samples.unit, training)
+        probes = ProbeLight(state).fitted(role, samples.unit)
         surface = super().fit(state, role, samples, part)
-        return FieldAndProbesFit(role, surface, probes, probes.lower(), state.variable)
+        return FieldAndProbesFit(role, surface, probes, probes.lower(), state.for_role(role).variable)
 
 
 FIELD = FieldAndProbes("factored+probes", PRESETS, FactoredFit, FieldAndProbesOptions)

@@ -1,14 +1,19 @@
 """The light of the probes beside a field, by role: what it follows, how it is traced and solved, and its graph.
 
-========  =========================================  ==========================================
-role      the probes follow                          one basis per
-========  =========================================  ==========================================
-indirect  a declared light that moves                leading singular vector of its states
-static    the dimmers of groups of lamps             group
-static    a node that moves                          pose that is traced
-static    both                                       group and pose, or singular vector of them
-static    nothing                                    –
-========  =========================================  ==========================================
+One mechanism serves all variables: light is traced and solved in some states of all of them together, the states are
+expressed by at most 16 bases, and what the bases are multiplied by is computed once a frame.
+
+========  ===============================  ==============================================  ==================
+role      states                           bases                                           factors
+========  ===============================  ==============================================  ==================
+indirect  places of the light, each in a   leading singular vectors                        spline in the
+          pose of what moves                                                               place and the pose
+static    every group of lamps in every    states, or their leading singular vectors       dimmers times hat
+          pose of a grid                   where there are more than 16                    functions of poses
+========  ===============================  ==============================================  ==================
+
+A moving point, a sun, a day with its sky and an environment map that turns are all lights of a role of their own; light
+adds up. Notation: S states, K bases, M movers.
 """
 
 from __future__ import annotations
@@ -19,32 +24,32 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.fields.base import FieldSetup, around_samples
+from lightwell.fields.base import FieldSetup
 from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
 from lightwell.fields.probes.baked import mixed, singular_mix
-from lightwell.fields.probes.fit import PRESETS, ProbesFit, ProbesPreset, Solved, fit_of, solved, weights_of
+from lightwell.fields.probes.fit import PRESETS, ProbesPreset, Solved, fit_of, pose_rows, solved, weights_of
 from lightwell.fields.protocol import Role, State
 from lightwell.fields.surface.posed_lamp_samples import lamps_in
 from lightwell.graph import Graph
+from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
-from lightwell.probes.code import LampMix, Mixing, PosedLampMix, PoseMix
+from lightwell.probes.code import Mixing, StateMix
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.lower import lower
-from lightwell.probes.states import OwnStates
+from lightwell.probes.spline import SplineMix
+from lightwell.probes.states import JointStates
 from lightwell.probes.volume import ProbeVolume
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene_cache import Derived
-from lightwell.transport.samples import Samples
 
 # Preset of the probes of each quality.
 QUALITY_PRESETS = {"draft": "draft", "good": "default", "best": "fine"}
-# Poses that are traced, by quality; both end stops are among them.
-POSES = {"draft": 3, "good": 5, "best": 9}
-# Groups of lamps that probes can tell apart, and bases of lamps in several poses: a pixel holds 27 numbers of each.
-MOST_GROUPS, MOST_BASES = 16, 16
-# Samples that the network of a moving light learns from, and its steps by quality.
-CODE_SAMPLES, CODE_STEPS = 1 << 15, {"draft": 150, "good": 600, "best": 2000}
-
+# Nodes of each slider where one, two and three things move, by quality; both end stops are among them.
+POSES = {"draft": (3, 2, 2), "good": (5, 3, 2), "best": (9, 4, 3)}
+# Most bases: a pixel holds 27 numbers of each. A light beside a mover takes so many times those of the light alone.
+MOST_BASES, BASES_BESIDE = 16, 2
+# States of such a light, times those of the light alone.
+STATES_BESIDE = 2
 OWN_LIGHT = Derived[SolvedVolume]("field_and_probes.own_light")
 
 
@@ -64,6 +69,8 @@ class RoleProbes:
     """Number format of the light in files of probes."""
     score: dict[str, Any]
     """Errors in the air, of these weights and of trilinear ones; see ``probes.baselines.compare``."""
+    lost: float = 0.0
+    """Relative error of the state that the bases express worst; 0: they are the states."""
 
     def lower(self) -> Graph:
         """Return the shading graph; what moves is looked up without an offset along its normal.
@@ -78,9 +85,11 @@ class RoleProbes:
         """What the light of the probes follows, in words."""
         if self.mixing is None:
             return "nothing: the light of the scene as it is"
-        lamps, node = "the switches of the lamps", "the node that moves"
-        names = {LampMix: lamps, PoseMix: node, PosedLampMix: f"{lamps} and {node}"}
-        return names.get(type(self.mixing), "the light that moves")
+        movers = self.mixing.inputs.get("pose", 0)
+        moving = "the node that moves" if movers == 1 else f"the {movers} things that move"
+        light = "the switches of the lamps" if "lamps" in self.mixing.inputs else "the light that moves"
+        found = [light] if self.mixing.inputs.keys() & {"lamps", "light"} else []
+        return " and ".join(found + ([moving] if movers else []))
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -92,32 +101,22 @@ class RoleProbes:
             "count": int(self.volume.alive.sum()),
             "spacing": self.volume.lattice.spacing,
             "bases": self.basis.shape[-1],
+            "error_of_bases": self.lost,
             "follows": self.follows,
         }
 
 
-def check_probes(state: State) -> None:
-    """Refuse what probes cannot follow, before anything is traced.
+def pose_grid(quality: str, movers: int) -> PoseBasis | None:
+    """Choose the poses in which the light of probes is traced.
 
     Args:
-        state: The prepared scene.
+        quality: 'draft', 'good' or 'best'.
+        movers: M.
 
-    Raises:
-        ValueError: Several things vary, or there are too many groups of lamps.
+    Returns:
+        Their grid; None: nothing moves.
     """
-    names = [mover.name for mover in state.scene.movers]
-    if "indirect" in state.roles and state.variable is not None:
-        names += [light.name for light in (state.variable, *state.more)]
-    if len(names) > 1:
-        raise ValueError(
-            f"bake: probes follow one light, node or clip, not {len(names)} ({', '.join(names)}); drop others from "
-            "--vary, or use --field factored"
-        )
-    if len(state.lamps) > MOST_GROUPS:
-        raise ValueError(
-            f"bake: probes tell at most {MOST_GROUPS} groups of lamps apart, found {len(state.lamps)}; join some with "
-            "--lamps NAME=PATTERN, or use --field factored"
-        )
+    return PoseBasis((tuple(np.linspace(0, 1, POSES[quality][movers - 1]).tolist()),) * movers) if movers else None
 
 
 def preset_of(quality: str) -> tuple[str, ProbesPreset]:
@@ -153,36 +152,20 @@ class ProbeLight:
             states = ", ".join(f"{count} of {role}" for role, count in plan.states.items())
             stage.advance(0, f"{plan.spacing:.2g} m apart, states: {states}")
             for role in self._state.roles:
-                _ = self._moving if role == "indirect" else self._own
+                _ = self._own if role == "static" else self._moving(role)
                 stage.advance()
 
-    def fitted(self, role: Role, unit: float, samples: Samples | None) -> RoleProbes:
-        """Return the probes of a role; the network of a moving light is trained.
+    def fitted(self, role: Role, unit: float) -> RoleProbes:
+        """Return the probes of a role.
 
         Args:
             role: The role.
             unit: Radiance unit S.
-            samples: Training samples of the moving light; not used for the scene's own.
 
         Returns:
             The probes.
         """
-        if role == "static":
-            return self._own_probes(unit)
-        assert samples is not None
-        state, request = self._state, self._state.job.request
-        order = np.random.default_rng((request.seed, len(samples))).permutation(len(samples))
-        part = samples[np.sort(order[:CODE_SAMPLES])]
-        setup = around_samples(replace(self._setup("indirect"), unit=unit), samples)
-        fit = ProbesFit(setup, self._moving_preset, request.seed, self._moving, name=self._name)
-        fit.learn_from(part)
-        fit.validate_on(part[:: max(len(part) // 4096, 1)])
-        steps = min(CODE_STEPS[request.quality], request.steps or CODE_STEPS[request.quality])
-        with state.job.work.timed("probes"):
-            fit.train(steps, steps)
-        made = fit.baked
-        volume = made.lit.geometry.volume
-        return RoleProbes(volume, made.basis, made.code, unit, self._preset.coding, self._moving[2])
+        return self._own_probes(unit) if role == "static" else self._moving_probes(role, unit)
 
     # ------------------------------------------------------------------ plan
 
@@ -192,9 +175,8 @@ class ProbeLight:
         state = self._state
         setup = FieldSetup.of(state.scene, 1.0, "static")
         spacing = state.job.options.spacing or 2 * setup.half_extent / self._preset.along
-        wanted: dict[str, int] = {}
-        for role in state.roles:
-            wanted[role] = self._preset.states if role == "indirect" else self._own_count
+        moving = self._preset.states * (STATES_BESIDE if state.scene.movers else 1)
+        wanted = {role: self._own_count if role == "static" else moving for role in state.roles}
         geometry = partial(weights_of, setup, self._preset)
         return probe_plan(state.job, state.scene, self._preset, spacing, wanted, geometry)
 
@@ -202,46 +184,60 @@ class ProbeLight:
     def _own_count(self) -> int:
         """States of the scene's own light."""
         state = self._state
-        return (len(self._poses) if state.scene.movers else 1) * max(len(state.lamps), 1)
+        return (self._poses.count if self._poses else 1) * max(len(state.lamps), 1)
+
+    @cached_property
+    def _poses(self) -> PoseBasis | None:
+        """Poses that are traced; None: nothing moves."""
+        return pose_grid(self._state.job.request.quality, len(self._state.scene.movers))
 
     # ------------------------------------------------------------------ a light that moves
 
     def _setup(self, role: Role) -> FieldSetup:
-        state = self._state
+        state = self._state.for_role(role)
         if role == "static" or state.variable is None:
             return FieldSetup.of(state.scene, 1.0, "static")
         return FieldSetup.of(state.scene, 1.0, state.variable.kind, state.variable)
 
-    @property
-    def _moving_preset(self) -> ProbesPreset:
+    def _moving_preset(self, role: Role) -> ProbesPreset:
         plan, preset = self.plan, self._preset
         sampling, bricks = plan.sampling(preset.sampling), preset.bricks if plan.bricks else 0.0
-        return replace(preset, sampling=sampling, bricks=bricks, states=plan.states["indirect"])
+        rank = min(preset.rank * BASES_BESIDE, MOST_BASES) if self._poses else preset.rank
+        return replace(preset, sampling=sampling, bricks=bricks, states=plan.states[role], rank=rank)
 
-    @property
-    def _moving(self) -> Solved:
-        """Light of all states of the declared light, factors of the bases, and errors in the air."""
+    def _moving(self, role: Role) -> Solved:
+        """Light of all states of a declared light, factors of the bases, and errors in the air."""
         seed = self._state.job.request.seed
-        return solved(self._setup("indirect"), self._moving_preset, seed, self.plan.spacing)
+        return solved(self._setup(role), self._moving_preset(role), seed, self.plan.spacing, self._poses)
+
+    def _moving_probes(self, role: Role, unit: float) -> RoleProbes:
+        lit, mix, score = self._moving(role)
+        variable, poses = self._state.for_role(role).variable, self._poses
+        assert variable is not None
+        lights = lit.lights.lights if isinstance(lit.lights, JointStates) else lit.lights
+        assert lights is not None
+        seed, live = self._state.job.request.seed, np.flatnonzero(lit.geometry.volume.alive)
+        bases = mixed(lit.solution.light, mix)
+        factors = factors_of(lit.solution.light, bases, live)
+        rows = np.zeros((len(lights), 0)) if poses is None else pose_rows(len(lights), poses, seed)
+        mixing = SplineMix.of(lights, rows, factors, variable.kind != "point")
+        lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
+        return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
     # ------------------------------------------------------------------ the scene's own light
 
     @property
-    def _states(self) -> OwnStates | None:
-        """States of the scene's own light; None: as it is."""
-        state = self._state
-        if not (state.scene.movers or state.lamps):
+    def _states(self) -> JointStates | None:
+        """States of the scene's own light, the groups fastest; None: as it is."""
+        state, poses = self._state, self._poses
+        if not (poses or state.lamps):
             return None
         scenes, shining = [], []
-        for at in (posed(state.scene, (at,)) for at in self._poses) if state.scene.movers else (state.scene,):
+        for at in [posed(state.scene, pose) for pose in poses.poses] if poses else [state.scene]:
             groups = lamps_in(at, state.job.request.lamps, state.lamps) if state.lamps else ()
             shining += [group.emitters for group in groups] or [()]
             scenes += [at] * max(len(groups), 1)
-        return OwnStates(tuple(scenes), tuple(shining))
-
-    @property
-    def _poses(self) -> tuple[float, ...]:
-        return tuple(np.linspace(0, 1, POSES[self._state.job.request.quality]).tolist())
+        return JointStates(tuple(scenes), tuple(shining))
 
     @property
     def _own(self) -> SolvedVolume:
@@ -261,22 +257,17 @@ class ProbeLight:
     def _own_probes(self, unit: float) -> RoleProbes:
         lit, state = self._own, self._state
         light, start = lit.solution.light, lit.start
-        bases = np.moveaxis(light, 0, -1) if light.ndim == 4 else light[..., None]
-        mixing: Mixing | None = None
-        # The score is that of the file's first pose, with all lamps.
-        scene = posed(state.scene, (0.0,)) if state.scene.movers else state.scene
-        first = max(len(state.lamps), 1)
-        if state.scene.movers and state.lamps:
-            bases, mix = reduced(light, np.flatnonzero(lit.geometry.volume.alive), MOST_BASES)
-            mixing = PosedLampMix(self._poses, mix.reshape(len(self._poses), first, -1))
-        elif state.scene.movers:
-            mixing = PoseMix(self._poses)
-        elif state.lamps:
-            mixing = LampMix(len(state.lamps))
-        if mixing is not None:
-            light, start = light[:first].sum(axis=0), start[:first].sum(axis=0)
+        # The score is that of the first pose, with all lamps.
+        scene = posed(state.scene, self._poses.poses[0]) if self._poses else state.scene
+        bases, mixing, lost = light[..., None], None, 0.0
+        if light.ndim == 4:
+            groups, live = max(len(state.lamps), 1), np.flatnonzero(lit.geometry.volume.alive)
+            bases, mix = reduced(light, live, MOST_BASES)
+            lost = error_of_bases(light[:, live], bases[live], mix)
+            mixing = StateMix(mix.reshape(-1, groups, mix.shape[1]), self._poses, bool(state.lamps))
+            light, start = light[:groups].sum(axis=0), start[:groups].sum(axis=0)
         score = compare(scene, lit.geometry, light, start, state.job.request.seed)
-        return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score)
+        return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
 
 def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -293,6 +284,38 @@ def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray
     if len(states) <= most:
         return np.moveaxis(states, 0, -1), np.eye(len(states))
     bases = mixed(states, singular_mix(states, live, most))
+    return bases, factors_of(states, bases, live)
+
+
+def factors_of(states: np.ndarray, bases: np.ndarray, live: np.ndarray) -> np.ndarray:
+    """Compute the factors with which bases give states best, in least squares.
+
+    Args:
+        states: [S, P, 9, 3] light of the states.
+        bases: [P, 9, 3, K] bases.
+        live: [L] indices of the probes that count.
+
+    Returns:
+        [S, K] factors.
+    """
     rows = bases[live].reshape(-1, bases.shape[-1]).astype(np.float64)
     wanted = states[:, live].reshape(len(states), -1).astype(np.float64)
-    return bases, np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T
+    return np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T
+
+
+def error_of_bases(states: np.ndarray, bases: np.ndarray, mix: np.ndarray) -> float:
+    """Compute how much of the light of states is lost where fewer bases express them.
+
+    Args:
+        states: [S, P, 9, 3] light of the states.
+        bases: [P, 9, 3, K] bases.
+        mix: [S, K] factors with which they give the states.
+
+    Returns:
+        Root mean square of what is missing, relative to the state, of the worst state.
+    """
+    errors = [0.0]
+    for state, factors in zip(states, mix):
+        size = np.linalg.norm(state)
+        errors += [float(np.linalg.norm(state - bases @ factors) / size)] if size > 0 else []
+    return max(errors)

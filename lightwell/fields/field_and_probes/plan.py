@@ -13,7 +13,7 @@ import numpy as np
 
 from lightwell.core.formats import JSON
 from lightwell.fields.probes.fit import ProbesPreset
-from lightwell.fields.protocol import Job
+from lightwell.fields.protocol import Job, kind_of
 from lightwell.probes.bake import Geometry
 from lightwell.probes.samples import ProbeSampling, places
 from lightwell.probes.trace import air_light
@@ -160,12 +160,15 @@ def counts_within(
     cost = {"indirect": of_state(preset.sampling), "static": of_state(preset.static_sampling)}
 
     def total(states: dict[str, int]) -> float:
-        return sum(count * cost[role] for role, count in states.items())
+        return sum(count * cost[kind_of(role)] for role, count in states.items())
 
     share = paths / max(total(wanted), 1.0)
     states = dict(wanted)
-    if share < 1 and "indirect" in states:
-        states["indirect"] = int(np.clip(states["indirect"] * share, FEWEST_STATES, states["indirect"]))
+    if share < 1:
+        for role in (role for role in states if kind_of(role) == "indirect"):
+            # A light beside a mover is asked for in a multiple of the preset's states: it has more variables.
+            fewest = FEWEST_STATES * max(states[role] // preset.states, 1)
+            states[role] = int(np.clip(states[role] * share, min(fewest, states[role]), states[role]))
         share = paths / max(total(states), 1.0)
     bricks = preset.bricks > 0 and share >= BRICKS
     return ProbePlan(spacing, states, float(min(share, 1.0)), bricks)

@@ -22,6 +22,7 @@ from lightwell.fields.probes.baked import BakedProbes, mixed, singular_mix
 from lightwell.fields.probes.mixing import MixedFit
 from lightwell.fields.protocol import ExtraFile, Shown
 from lightwell.graph import Graph
+from lightwell.graph.pose_basis import PoseBasis
 from lightwell.networks import TrainingSettings
 from lightwell.probes import ddgi, sh
 from lightwell.probes.bake import Geometry, bake_geometry
@@ -29,9 +30,12 @@ from lightwell.probes.baselines import compare
 from lightwell.probes.generator import fit_with
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.samples import ProbeSampling
+from lightwell.probes.states import JointStates, Lights, states_of
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.probes.weights import Fit
 from lightwell.scenes.placing import sample_lights
+from lightwell.scenes.posing import posed
+from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.samples import Query
 
@@ -44,10 +48,13 @@ MOVING, STILL = ProbeSampling(24, 64, 256, most=4), ProbeSampling(32, 256, 1024,
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
 # The seed of the light states is this far from that of the samples.
 STATE_SEED = 7919
+# Random stream of the order of the poses.
+POSE_ORDER = 0x905E
 
 
 GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
 Solved = tuple[SolvedVolume, np.ndarray, dict[str, Any]]
+# One for each light that may vary in a bake.
 LIGHT = Derived[Solved]("probes.light", most=4)
 
 
@@ -233,7 +240,13 @@ def fit_of(preset: ProbesPreset) -> Fit | None:
     return fit_with(preset.function, refine=preset.refine) if preset.generator else None
 
 
-def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | None = None) -> Solved:
+def solved(
+    setup: FieldSetup,
+    preset: ProbesPreset,
+    seed: int,
+    spacing: float | None = None,
+    poses: PoseBasis | None = None,
+) -> Solved:
     """Trace the light of all states; the result is kept with the scene.
 
     Args:
@@ -241,6 +254,7 @@ def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | 
         preset: Settings of the probes.
         seed: Seed of the sampler.
         spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
+        poses: Poses in which a variable light is traced; None: nothing moves.
 
     Returns:
         The light of all states, the factors of the bases [S, K], and the errors of volume and baselines in the air.
@@ -252,19 +266,57 @@ def solved(setup: FieldSetup, preset: ProbesPreset, seed: int, spacing: float | 
         raise ValueError("probes: the set-up has no scene; probes are traced in its air, make it with FieldSetup.of")
     geometry = weights_of(setup, preset, spacing)
     # The states of a variable light are drawn from its ranges.
-    arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed)
-    return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed), arguments)
+    arguments = (geometry.volume.lattice.spacing, preset, setup.light, setup.variable, seed, poses)
+    return setup.scene.cache.get(LIGHT, lambda: _solve(setup, preset, geometry, seed, poses), arguments)
 
 
-def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: int) -> Solved:
+def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: int, poses: PoseBasis | None) -> Solved:
     static = setup.light == "static"
     variable = None if static else setup.variable
-    lights = None if static else sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+    lights: Lights = None
+    if not static:
+        lights = sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+        lights = lights if poses is None else in_poses(setup.scene, lights, poses, seed)
     sampling = preset.static_sampling if static else preset.sampling
     lit = light_volume(setup.scene, geometry, sampling, seed, variable, lights)
     lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
     live = np.flatnonzero(lit.geometry.volume.alive)
     first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
-    told = compare(setup.scene, lit.geometry, *first, seed, *(() if static else (variable, lights[0])))
+    state = states_of(setup.scene, variable, lights)[0]
+    told = compare(state.scene, lit.geometry, *first, seed, state.variable, state.light)
     mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
     return lit, mix, told
+
+
+def in_poses(scene: Scene, lights: np.ndarray, poses: PoseBasis, seed: int) -> JointStates:
+    """Put what moves into a pose for each place of a light: all poses as often, in random order.
+
+    Lights are points of a Sobol sequence: every second one, or fourth, lies in one part of the range.
+
+    Args:
+        scene: Scene with M movers.
+        lights: [S, 3] positions, or directions.
+        poses: The poses.
+        seed: Seed of the order; the first state has the first pose.
+
+    Returns:
+        S joint states.
+    """
+    rows = pose_rows(len(lights), poses, seed)
+    return JointStates(tuple(posed(scene, pose) for pose in rows), lights=lights)
+
+
+def pose_rows(count: int, poses: PoseBasis, seed: int) -> np.ndarray:
+    """Choose the pose of each state of a light.
+
+    Args:
+        count: S.
+        poses: The poses.
+        seed: Seed of the order; the first state has the first pose.
+
+    Returns:
+        [S, M] sliders.
+    """
+    known = poses.poses
+    order = np.random.default_rng((seed, POSE_ORDER)).permutation(count - 1) + 1
+    return known[np.concatenate([[0], order]) % len(known)]

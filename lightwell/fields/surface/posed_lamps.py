@@ -15,9 +15,10 @@ import numpy as np
 from lightwell.fields.features import open_builder, pose_features
 from lightwell.fields.surface.lamp_samples import LampSamples
 from lightwell.fields.surface.lamps import LampsFit
-from lightwell.fields.surface.pose_basis import PoseBasis
+from lightwell.fields.surface.pose_basis import pose_basis
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Buffer, Builder
+from lightwell.graph.pose_basis import PoseBasis
 from lightwell.networks.lamps import LampSet
 from lightwell.networks.light_major import light_runs
 from lightwell.networks.posed_lamps import PosedLampNetwork, PosedLampSet
@@ -42,7 +43,7 @@ class PosedLampsFit(LampsFit):
     # ------------------------------------------------------------------ data
 
     def _network(self, samples: LampSamples) -> PosedLampNetwork:
-        self.basis = PoseBasis.of(samples.query.pose)
+        self.basis = pose_basis(samples.query.pose)
         b = open_builder(movers=self.setup.movers)
         frame = b.concat(*pose_features(b, self.setup.movers), per_frame=True)
         self._poses = Tabulated(b.build(frame=frame, basis=self.basis.add(b)))

@@ -1,0 +1,117 @@
+"""Mixing factors of K bases, interpolated between states of a light, and of what moves beside it.
+
+A thin-plate spline (Duchon 1977) in D = 3 + M coordinates: three of the place of the light, or of a direction, and the
+sliders of M movers, all from -1 to 1 or so:
+
+    c_k(x) = Σ_s w_sk φ(|x - x_s|²) + a_k · x + b_k,   φ(q) = q log(q + ε)
+
+It passes through the factors of all S states. The coordinates of a sun on its arc lie in a plane, those of an
+environment map that turns on a circle: the system then has many solutions, of which the least is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightwell.graph import Builder, evaluate
+
+# ε: beside a state, q is known to a few millionths in single precision.
+EPSILON = 1e-6
+
+
+@dataclass(frozen=True)
+class SplineMix:
+    """A spline; notation of the module."""
+
+    center: tuple[float, float, float]
+    """Middle of the places of the light, metres; 0 for directions."""
+    half: float
+    """Half of their longest edge, metres; 1 for directions."""
+    at: np.ndarray
+    """[S, D] coordinates of the states."""
+    weights: np.ndarray
+    """[K, S] w."""
+    slope: np.ndarray
+    """[K, D] a."""
+    offset: np.ndarray
+    """[K] b."""
+
+    @staticmethod
+    def of(light: np.ndarray, pose: np.ndarray, factors: np.ndarray, directions: bool) -> SplineMix:
+        """Make the spline through states.
+
+        Args:
+            light: [S, 3] positions of the light, metres, or unit directions.
+            pose: [S, M] sliders of what moves.
+            factors: [S, K] factors of the bases in these states.
+            directions: Whether the light has a direction in place of a position.
+
+        Returns:
+            The spline.
+        """
+        low, high = light.min(axis=0).astype(np.float64), light.max(axis=0).astype(np.float64)
+        x, y, z = (0.0, 0.0, 0.0) if directions else (float(v) for v in (low + high) / 2)
+        half = 1.0 if directions else max(float((high - low).max()) / 2, 1e-6)
+        at = np.concatenate([(light - np.array([x, y, z])) / half, 2 * pose - 1], axis=1).astype(np.float64)
+        count, size = at.shape
+        q = np.square(at[:, None] - at[None]).sum(axis=2)
+        rest = np.concatenate([at, np.ones((count, 1))], axis=1)
+        system = np.block([[q * np.log(q + EPSILON), rest], [rest.T, np.zeros((size + 1, size + 1))]])
+        wanted = np.concatenate([factors, np.zeros((size + 1, factors.shape[1]))])
+        found = np.linalg.lstsq(system, wanted, rcond=1e-9)[0].T
+        return SplineMix((x, y, z), half, at, found[:, :count], found[:, count:-1], found[:, -1])
+
+    @property
+    def inputs(self) -> dict[str, int]:
+        """Inputs of a graph that the factors depend on, and their widths."""
+        movers = self.at.shape[1] - 3
+        return {"light": 3} | ({"pose": movers} if movers else {})
+
+    def mixed(self, b: Builder, bases: str) -> str:
+        """Add the sum of the bases times their factors to a graph.
+
+        Args:
+            b: Graph under construction with ``inputs``.
+            bases: Name of the node with the bases [27 K], the factor's index fastest.
+
+        Returns:
+            Name of the node with the 27 numbers.
+        """
+        return b.matvec(bases, self.node(b), 27)
+
+    def node(self, b: Builder) -> str:
+        """Add the spline to a graph.
+
+        Args:
+            b: Graph under construction with ``inputs``.
+
+        Returns:
+            Name of the node with the K factors.
+        """
+        frame, movers, count = {"per_frame": True}, self.at.shape[1] - 3, len(self.at)
+        x = b.affine("light", [1 / self.half] * 3, [-c / self.half for c in self.center], **frame)
+        if movers:
+            x = b.concat(x, b.affine("pose", [2.0] * movers, [-1.0] * movers, **frame), **frame)
+        # |x - x_s|² = |x|² - 2 x_s · x + |x_s|².
+        rows = np.concatenate([np.ones((count, 1)), -2 * self.at], axis=1)
+        q = b.linear(b.concat(b.dot(x, x, **frame), x, **frame), rows, np.square(self.at).sum(axis=1), **frame)
+        phi = b.multiply(q, b.log(q, EPSILON, **frame), **frame)
+        weights = np.concatenate([self.weights, self.slope], axis=1)
+        return b.linear(b.concat(phi, x, **frame), weights, self.offset, **frame)
+
+    def factors(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
+        """Compute the factors of the bases.
+
+        Args:
+            light: [N, 3] positions in metres, or unit directions.
+            pose: [N, M] sliders of what moves; None: nothing does.
+
+        Returns:
+            [N, K] factors.
+        """
+        b = Builder(**self.inputs)
+        graph = b.build(code=self.node(b))
+        given = {"light": np.float32(light)} | ({} if pose is None else {"pose": np.float32(pose)})
+        return evaluate(graph, given)["code"]
