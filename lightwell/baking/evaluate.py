@@ -24,7 +24,8 @@ from lightwell.transport.camera import gbuffer
 
 if TYPE_CHECKING:
     from lightwell.baking.display_pictures import DisplayView
-    from lightwell.baking.reference import PointReference, SweepReference, ViewReference, ViewSetup
+    from lightwell.baking.reference import PointReference, SweepReference, ViewReference
+    from lightwell.baking.view_setup import ViewSetup
 
 # Index of the region of a pixel that shows no surface.
 NO_REGION = -1

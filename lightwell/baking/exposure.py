@@ -8,7 +8,7 @@ import numpy as np
 
 from lightwell.baking.evaluate import lights_of_views, lit_views
 from lightwell.baking.poses import standing, view_pose
-from lightwell.baking.reference import ViewSetup
+from lightwell.baking.view_setup import ViewSetup
 from lightwell.core.color import LUMINANCE, MIDDLE_GREY
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable

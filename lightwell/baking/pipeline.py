@@ -25,10 +25,11 @@ from lightwell.baking.evaluate import Shipped, lit_views
 from lightwell.baking.exposure import metered_exposure
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.poses import view_pose
-from lightwell.baking.reference import Reference, ViewSetup, choose_stage, trace_reference
+from lightwell.baking.reference import Reference, trace_reference
 from lightwell.baking.refusals import refuse_declared, refuse_sky
 from lightwell.baking.score import reference_budget, score, variable_json, warnings
 from lightwell.baking.settings import BakeSettings, Reported, request_of
+from lightwell.baking.view_setup import ViewSetup, choose_stage
 from lightwell.cluster.attach import attached
 from lightwell.core.environment_text import ROTATED
 from lightwell.core.lamps import parse_lamps

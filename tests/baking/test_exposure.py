@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.baking.evaluate import lit_views
 from lightwell.baking.exposure import METER_VIEWS, exposure_of, metered_exposure
-from lightwell.baking.reference import ViewSetup
+from lightwell.baking.view_setup import ViewSetup
 from lightwell.core.color import MIDDLE_GREY
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare

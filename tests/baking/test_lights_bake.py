@@ -9,7 +9,7 @@ from lightwell.asset.read import read_fields
 from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
 from lightwell.baking.preview import Preview
-from lightwell.baking.reference import FurtherLight, ViewSetup
+from lightwell.baking.view_setup import FurtherLight, ViewSetup
 from lightwell.fields.surface.roles import role_share
 from lightwell.scenes import load
 from lightwell.scenes.variables import by_light, first_settings

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from lightwell.baking import evaluate
-from lightwell.baking.reference import ViewSetup, trace_view
+from lightwell.baking.reference import trace_view
 from lightwell.baking.reference_budget import ReferenceBudget
+from lightwell.baking.view_setup import ViewSetup
 from lightwell.fields.baked import Baked
 from lightwell.fields.features import open_builder
 from lightwell.fields.protocol import Lowered
