@@ -15,6 +15,7 @@ from lightwell.baking.cost import cost
 from lightwell.baking.evaluate import Shipped
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.light_states import axis_of, axis_of_mover, errors_over_light, states_of_view, times_of_day
+from lightwell.baking.moved_objects import moved_objects
 from lightwell.baking.poses import leak_facts, pose_caption, pose_facts, view_pose
 from lightwell.baking.quality import Quality, quality_of_reference, score_quality
 from lightwell.baking.reference import Reference, ViewReference, halves_of
@@ -25,7 +26,7 @@ from lightwell.core.formats import JSON
 from lightwell.doctor import versions
 from lightwell.fields.budget import BEST, scoring_seconds
 from lightwell.fields.protocol import Fit, Job, State
-from lightwell.report.records import PointComparison, ReportData, ViewComparison
+from lightwell.report.records import MovedObject, PointComparison, ReportData, ViewComparison
 from lightwell.report.summary import point_scores
 from lightwell.report.verdict import Verdict, verdict
 from lightwell.scenes.scene import Scene
@@ -98,6 +99,8 @@ def score(
     views = _compare_views(state, reference, ordered, settings.view_size, names, notes)
     facts |= _of_roles(others, points)
     quality, judged = _judge(state, settings, reference, budget, ordered, notes)
+    balls = partial(moved_objects, state, reference.stage, ordered)
+    moved: list[MovedObject] = notes.attempt("the pictures of what probes light", balls, [])
     paths = sum(s.fit.traced.paths for s in shipped)
     return ReportData(
         scene=state.scene.name,
@@ -121,6 +124,7 @@ def score(
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,
+        moved=moved,
     )
 
 

@@ -6,7 +6,7 @@ Notation: N points; one lane is one path; each point has two independent halves 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from lightwell.graph.ops.encoding import sh_components
 from lightwell.probes.sh import TO_IRRADIANCE
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import Variable, from_json, to_json
+from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.lamp_sources import GroupEmitters
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
@@ -27,6 +27,8 @@ from lightwell.transport.tables import tables
 
 LAUNCH = 1 << 19
 UNIFORM = 1 / (4 * np.pi)
+# Shadow rays of a point towards a declared light.
+SHADOW_RAYS = 16
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,41 @@ def air_light(
         rows = scene.executor.rows("air-light", settings, columns, paths, recipe=recipe)["rows"]
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
+
+
+def direct_irradiance(
+    scene: Scene, points: np.ndarray, normals: np.ndarray, variable: Variable, light: np.ndarray, seed: int
+) -> np.ndarray:
+    """Trace what ``air_light`` leaves out of a declared light, because renderers add it: its direct irradiance.
+
+    Args:
+        scene: The scene.
+        points: [N, 3] points, metres.
+        normals: [N, 3] unit normals.
+        variable: Declared light of 1 cd (1 lx).
+        light: [3] its position or direction.
+        seed: Seed of the shadow rays.
+
+    Returns:
+        [N, 3] irradiance; of a day that of the sun alone, of an environment map that turns nothing.
+    """
+    if isinstance(variable, Turning):
+        return np.zeros((len(points), 3))
+    bare = replace(variable, sky=None) if has_sky(variable) else variable
+    tables(scene)
+    lane = dr.arange(mi.UInt32, len(points) * SHADOW_RAYS)
+    row = lane // SHADOW_RAYS
+    p, n = (dr.gather(kind, upload(kind, a), row) for kind, a in ((mi.Point3f, points), (mi.Vector3f, normals)))
+    at = dr.zeros(mi.SurfaceInteraction3f, dr.width(lane))
+    at.p, at.t = p, mi.Float(0)
+    rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), row, lane % SHADOW_RAYS)
+    source = declared(bare, mi.Vector3f(*(dr.full(mi.Float, float(c), dr.width(lane)) for c in light)))
+    u = mi.Point2f(rng.next_float32(), rng.next_float32())
+    wo, weight, _, _, shadow = source.sample(scene.mi, at, u, mi.Bool(True))
+    lit = (dr.max(weight) > 0) & ~scene.mi.ray_test(shadow)
+    value = dr.select(lit, weight * dr.maximum(dr.dot(n, wo), 0), 0)
+    found = np.stack([np.array(dr.block_sum(c, SHADOW_RAYS)) for c in value], axis=1) / SHADOW_RAYS
+    return found * (variable.sunlight(light[None]) if has_sky(variable) else 1.0)
 
 
 def air_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:

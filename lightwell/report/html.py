@@ -16,7 +16,7 @@ from lightwell.report.charts import ChartAxis, ChartSeries
 from lightwell.report.facts import facts_of
 from lightwell.report.numbers import brief_duration, brief_percent, digits, grouped, percent
 from lightwell.report.pages import TEMPLATES
-from lightwell.report.records import ReportData, ViewComparison
+from lightwell.report.records import MovedObject, ReportData, ViewComparison
 from lightwell.report.states import DRAWN, state_charts
 from lightwell.report.summary import summary, view_unit
 
@@ -133,6 +133,8 @@ def report_html(numbers: Mapping[str, Any], data: ReportData) -> str:
         cards=cards(numbers),
         places=[_place(place, data.views) for place in numbers["worst_places"]],
         views=[{"scores": s, "pictures": figures.view_pictures(v, s["exposure_unit"])} for s, v in scored],
+        balls=[_ball(ball, numbers["moved_objects"]["flips"][ball.name]) for ball in data.moved],
+        balls_flip=digits(numbers["moved_objects"]["flip"]) if data.moved else "",
         enlarged=max((figures.magnification(view) for view in data.views), default=1),
         charts=_charts(numbers, data.views),
         facts=facts_of({name: fact for name, fact in numbers["facts"].items() if name not in DRAWN}),
@@ -159,6 +161,15 @@ def _place(place: Mapping[str, Any], views: Sequence[ViewComparison]) -> dict[st
         "text": f"{told}{digits(place['psnr_db'])} dB; {where}.",
         "pictures": figures.place_pictures(view, view_unit(view), place["row"], place["column"], place["size"]),
     }
+
+
+def _ball(ball: MovedObject, flip: float) -> dict[str, Any]:
+    """Name, error and pictures of what probes light."""
+    pictures = {"prediction": ball.prediction, "reference": ball.reference}
+    encoded = {
+        key: figures.data_uri(figures.shown(value / ball.unit), lossless=True) for key, value in pictures.items()
+    }
+    return {"title": ball.name, "flip": digits(flip), "pictures": encoded}
 
 
 def _charts(numbers: Mapping[str, Any], views: Sequence[ViewComparison]) -> list[dict[str, Any]]:

@@ -173,6 +173,23 @@ def flip(f: np.ndarray, y: np.ndarray) -> float:
     return float(flip_evaluator.evaluate(*pictures, "LDR", applyMagma=False)[1])
 
 
+def flip_of_part(f: np.ndarray, y: np.ndarray, mask: np.ndarray) -> float:
+    """Compute the mean LDR-FLIP of displayed pictures over a part of them.
+
+    Args:
+        f: Prediction [height, width, 3].
+        y: Reference [height, width, 3].
+        mask: [height, width] bool: the pixels that count, at least one.
+
+    Returns:
+        Difference in [0, 1].
+    """
+    f, y = checked(prediction=f, reference=y)
+    pictures = (np.ascontiguousarray(display(x), np.float32) for x in (y, f))
+    found = flip_evaluator.evaluate(*pictures, "LDR", applyMagma=False)[0]
+    return float(np.reshape(found, mask.shape)[mask].mean())
+
+
 @dataclass(frozen=True)
 class TileError:
     """Error of a square tile of a picture."""

@@ -87,6 +87,32 @@ class ViewComparison:
 
 
 @dataclass(frozen=True)
+class MovedObject:
+    """A ball in free air: what probes are for."""
+
+    name: str
+    prediction: np.ndarray
+    """[height, width, 3] radiance by the light of the probes."""
+    reference: np.ndarray
+    """[height, width, 3] ... by path tracing."""
+    mask: np.ndarray
+    """[height, width] bool: pixels that show the ball."""
+    unit: float = 1.0
+    """Exposure unit of the picture."""
+
+    def exposed(self, unit: float) -> MovedObject:
+        """Set the exposure.
+
+        Args:
+            unit: Exposure unit.
+
+        Returns:
+            The ball with it.
+        """
+        return dataclasses.replace(self, unit=unit)
+
+
+@dataclass(frozen=True)
 class PageLink:
     """A page beside a report."""
 
@@ -145,5 +171,7 @@ class ReportData:
     """How good the bake is, in words."""
     links: Sequence[PageLink] = ()
     """Pages beside the report."""
+    moved: Sequence[MovedObject] = ()
+    """What probes light, in the views; empty without probes."""
     unit: float | None = None
     """Radiance of the unit S; None: 4 × the mean radiance of the held-out points."""

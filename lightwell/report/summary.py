@@ -9,8 +9,8 @@ import numpy as np
 
 from lightwell.report import metrics, picture_metrics
 from lightwell.report.borders import border_error
-from lightwell.report.picture_metrics import TILE, TileError
-from lightwell.report.records import PointComparison, ReportData, ViewComparison
+from lightwell.report.picture_metrics import TILE, TileError, flip_of_part
+from lightwell.report.records import MovedObject, PointComparison, ReportData, ViewComparison
 
 # Version of report.json.
 VERSION = 2
@@ -49,6 +49,7 @@ def summary(data: ReportData) -> dict[str, Any]:
         "verdict": None if data.verdict is None else data.verdict.text,
         "border_ratio": border_ratio(views),
         "worst_places": worst_places(data.views),
+        "moved_objects": moved_scores(data.moved),
         "tone_mapping": TONE_MAPPING,
         "bytes": data.bytes,
         "asset_bytes": data.asset_bytes,
@@ -69,6 +70,23 @@ def summary(data: ReportData) -> dict[str, Any]:
         "warnings": list(data.warnings),
         "licences": list(data.licences),
     }
+
+
+def moved_scores(moved: Sequence[MovedObject]) -> dict[str, Any] | None:
+    """Score the pictures of what probes light.
+
+    Args:
+        moved: The pictures.
+
+    Returns:
+        Mean FLIP over them, that of the worst, and each by name; None where there are none.
+    """
+    shown = [(ball, ball.prediction / ball.unit, ball.reference / ball.unit) for ball in moved]
+    flips = {ball.name: flip_of_part(f, y, ball.mask) for ball, f, y in shown}
+    if not flips:
+        return None
+    values = list(flips.values())
+    return {"flip": float(np.mean(values)), "worst": max(values), "flips": flips}
 
 
 def reference_unit(points: PointComparison) -> float:
