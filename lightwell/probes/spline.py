@@ -5,8 +5,11 @@ sliders of M movers, all from -1 to 1 or so:
 
     c_k(x) = Σ_s w_sk φ(|x - x_s|²) + a_k · x + b_k,   φ(q) = q log(q + ε)
 
-It passes through the factors of all S states. The coordinates of a sun on its arc lie in a plane, those of an
-environment map that turns on a circle: the system then has many solutions, of which the least is taken.
+It passes through the factors of all S states. Where the brightness of the light in the air changes by orders of
+magnitude, as with a lamp near walls, the spline is that of the factors over their norm and of the logarithm of the
+norm, and c_k is the product: bright states do not spread into dim ones between them. The coordinates of a sun on its
+arc lie in a plane, those of an environment map that turns on a circle: the system then has many solutions, of which
+the least is taken.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.graph import Builder, evaluate
+from lightwell.graph.ops.activate import EXP_LOW
 
 # ε: beside a state, q is known to a few millionths in single precision.
 EPSILON = 1e-6
@@ -37,9 +41,14 @@ class SplineMix:
     """[K, D] a."""
     offset: np.ndarray
     """[K] b."""
+    level: float | None = None
+    """Logarithm of the largest norm of the factors: the last row of ``weights``, ``slope`` and ``offset`` is then the
+    logarithm of the norm less this; None: all rows are factors."""
 
     @staticmethod
-    def of(light: np.ndarray, pose: np.ndarray, factors: np.ndarray, directions: bool) -> SplineMix:
+    def of(
+        light: np.ndarray, pose: np.ndarray, factors: np.ndarray, directions: bool, levels: bool = False
+    ) -> SplineMix:
         """Make the spline through states.
 
         Args:
@@ -47,10 +56,16 @@ class SplineMix:
             pose: [S, M] sliders of what moves.
             factors: [S, K] factors of the bases in these states.
             directions: Whether the light has a direction in place of a position.
+            levels: Whether factors and their norm are interpolated apart.
 
         Returns:
             The spline.
         """
+        level = None
+        if levels and (largest := float(np.linalg.norm(factors, axis=1).max())) > 0:
+            norm = np.maximum(np.linalg.norm(factors, axis=1, keepdims=True), largest * np.exp(EXP_LOW))
+            level = float(np.log(largest))
+            factors = np.concatenate([factors / norm, np.log(norm) - level], axis=1)
         low, high = light.min(axis=0).astype(np.float64), light.max(axis=0).astype(np.float64)
         x, y, z = (0.0, 0.0, 0.0) if directions else (float(v) for v in (low + high) / 2)
         half = 1.0 if directions else max(float((high - low).max()) / 2, 1e-6)
@@ -61,7 +76,7 @@ class SplineMix:
         system = np.block([[q * np.log(q + EPSILON), rest], [rest.T, np.zeros((size + 1, size + 1))]])
         wanted = np.concatenate([factors, np.zeros((size + 1, factors.shape[1]))])
         found = np.linalg.lstsq(system, wanted, rcond=1e-9)[0].T
-        return SplineMix((x, y, z), half, at, found[:, :count], found[:, count:-1], found[:, -1])
+        return SplineMix((x, y, z), half, at, found[:, :count], found[:, count:-1], found[:, -1], level)
 
     @property
     def inputs(self) -> dict[str, int]:
@@ -99,7 +114,14 @@ class SplineMix:
         q = b.linear(b.concat(b.dot(x, x, **frame), x, **frame), rows, np.square(self.at).sum(axis=1), **frame)
         phi = b.multiply(q, b.log(q, EPSILON, **frame), **frame)
         weights = np.concatenate([self.weights, self.slope], axis=1)
-        return b.linear(b.concat(phi, x, **frame), weights, self.offset, **frame)
+        found = b.linear(b.concat(phi, x, **frame), weights, self.offset, **frame)
+        if self.level is None:
+            return found
+        bases = len(weights) - 1
+        # No light is brighter than the brightest state: the spline of the norm would overshoot near walls.
+        norm = b.clamp(b.slice(found, bases, 1, **frame), EXP_LOW, 0.0, **frame)
+        norm = b.scale(b.activate(norm, "exp", **frame), float(np.exp(self.level)), **frame)
+        return b.multiply(b.slice(found, 0, bases, **frame), b.concat(*[norm] * bases, **frame), **frame)
 
     def factors(self, light: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
         """Compute the factors of the bases.

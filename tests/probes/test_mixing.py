@@ -84,6 +84,24 @@ def test_the_spline_of_a_light_passes_through_its_states(movers):
     np.testing.assert_allclose(found, np.concatenate(at, axis=1) @ slope, atol=5e-3)
 
 
+def test_a_spline_with_levels_passes_through_its_states_and_spreads_no_bright_one():
+    rng = np.random.default_rng(5)
+    light = rng.uniform(-1, 1, (60, 3))
+    # Light grows by e^6 towards one wall.
+    level = lambda at: np.exp(6 * at[:, :1])  # noqa: E731
+    wave = lambda at: np.concatenate([np.sin(at), np.cos(at)], axis=1) * level(at)  # noqa: E731
+    mix = SplineMix.of(light, np.zeros((60, 0)), wave(light), directions=False, levels=True)
+    found = mix.factors(light)
+    error = np.linalg.norm(found - wave(light), axis=1) / np.linalg.norm(wave(light), axis=1)
+    assert error.max() < 0.02
+    between = rng.uniform(-0.7, 0.7, (200, 3))
+    size = np.linalg.norm(wave(between), axis=1)
+    plain = SplineMix.of(light, np.zeros((60, 0)), wave(light), directions=False)
+    apart = np.median(np.linalg.norm(mix.factors(between) - wave(between), axis=1) / size)
+    together = np.median(np.linalg.norm(plain.factors(between) - wave(between), axis=1) / size)
+    assert apart < 0.1 and together > 3 * apart, f"{apart:.3f} with levels, {together:.3f} without"
+
+
 @pytest.mark.parametrize("height", [0.0, 0.4])
 def test_the_spline_of_directions_on_a_circle_follows_them(height):
     # All in a plane: of an environment map that turns, height 0, or of an arc.

@@ -220,7 +220,8 @@ class ProbeLight:
         bases = mixed(lit.solution.light, mix)
         factors = factors_of(lit.solution.light, bases, live)
         rows = np.zeros((len(lights), 0)) if poses is None else pose_rows(len(lights), poses, seed)
-        mixing = SplineMix.of(lights, rows, factors, variable.kind != "point")
+        point = variable.kind == "point"
+        mixing = SplineMix.of(lights, rows, factors, directions=not point, levels=point)
         lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
