@@ -4,7 +4,7 @@
                                                 hours on 2 cores; goes on where it stopped
     python benchmarks/zoo.py --ablation [--subset 8] [--out FOLDER]
                                                 what each choice is worth, at equal steps; goes on where it stopped
-    python benchmarks/zoo.py --field lightmap|probes [--subset 8] [--out FOLDER]
+    python benchmarks/zoo.py --field lightmap|factored+probes [--subset 8] [--out FOLDER]
                                                 other fields, by the figures of their own reports
     python benchmarks/zoo.py --table                    print what is recorded
 
@@ -62,7 +62,9 @@ LIGHT_MAP_BARS = {
     "psnr_db": ("noise-free PSNR", max, 36, 31, "dB"),
     "flip": ("FLIP of the whole picture", min, 0.06, 0.12, ""),
 }
-FIELD_BARS = {"lightmap": LIGHT_MAP_BARS, "probes": LIGHT_MAP_BARS}
+# Those of probes: balls in free air, as the report of a bake has them. The walls are those of the field beside them.
+PROBES_BARS = {"moved_flip": ("FLIP of what probes light", min, 0.08, None, "")}
+FIELD_BARS = {"lightmap": LIGHT_MAP_BARS, "factored+probes": PROBES_BARS}
 
 
 def run_scene(name: str, source: str, out: Path, quality: str, field: str | None) -> dict:
@@ -99,7 +101,7 @@ def _reported(folder: Path) -> dict:
     """The figures that a bake reports itself; those without a value are null."""
     report = json.loads((folder / "report.json").read_text())
     empty = dict.fromkeys(("psnr_db", "flip", "flip_direct", "mottle", "leak", "relative_error", "noise_floor"))
-    told = empty | (report.get("quality") or {})
+    told = empty | (report.get("quality") or {}) | {"moved_flip": (report.get("moved_objects") or {}).get("flip")}
     return told | {"bytes": report["bytes"], "macs": report["macs_per_pixel"], "verdict": report.get("verdict")}
 
 
@@ -147,12 +149,13 @@ def figures(rows: list[dict], bars: dict[str, tuple]) -> list[Row]:
     """Medians and 90th percentiles of all scenes that ended with a page, and how many did not."""
     found = []
     for key, (what, better, median, tail, unit) in bars.items():
-        values = [row[key] for row in rows if not row["exit"] and row[key] is not None]
+        values = [row[key] for row in rows if not row["exit"] and row.get(key) is not None]
         at, quantile = (at_least, 10) if better is max else (at_most, 90)
         note = f"{len(values)} scenes"
         found.append(at(f"zoo, median: {what}", median, float(np.median(values)) if values else None, unit, note))
         worst = float(np.percentile(values, quantile)) if values else None
-        found.append(at(f"zoo, 90th percentile: {what}", tail, worst, unit, note))
+        what = f"zoo, 90th percentile: {what}"
+        found.append(without_bar(what, worst, unit, note) if tail is None else at(what, tail, worst, unit, note))
     for key, (what, quantile, unit) in PAGE_FIGURES.items():
         values = [row[key] for row in rows if row.get(key) is not None]
         for name, at in (("median", 50), (f"{max(quantile, 100 - quantile)}th percentile", quantile)):
@@ -235,7 +238,11 @@ def main() -> None:
     print(table(rows))
     whole = arguments.publish or not (arguments.subset or arguments.only or arguments.table)
     if arguments.field:
-        publish(f"zoo_{arguments.field}", figures(rows, FIELD_BARS[arguments.field]), quick=not whole)
+        publish(
+            f"zoo_{arguments.field.removeprefix('factored+')}",
+            figures(rows, FIELD_BARS[arguments.field]),
+            quick=not whole,
+        )
         return
     publish("zoo", figures(rows, BARS), quick=not whole)
     if whole:
