@@ -86,7 +86,7 @@ def moved_objects(state: State, stage: ViewSetup, shipped: Sequence[Shipped]) ->
             traced += weight / np.pi * air_light(scene, points, PATHS, seed, normals=normals, **of_light).irradiance
             if of_light:
                 direct += weight / np.pi * direct_irradiance(scene, points, normals, **of_light, seed=seed)
-        name = f"ball in {view_name(camera, k)}"
+        name = f"ball, view '{view_name(camera, k)}'"
         values = direct + np.maximum(learned, 0), direct + smoothed(traced, normals)
         found.append(MovedObject(name, *(_picture(x, mask) for x in values), mask))
     units = [unit for ball in found if (unit := exposure_unit(ball.reference[ball.mask]))]
