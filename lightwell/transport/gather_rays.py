@@ -64,6 +64,21 @@ def free_ray(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, seed: i
     return weight * dr.pi, p, n, (through * dr.pi, way)
 
 
+def goes_straight(sample: mi.BSDFSample3f) -> mi.Bool:
+    """Tell which rays go on as through mirrors, glass and holes: what they show is not the light of the surface met.
+
+    Args:
+        sample: [N] directions sampled by the BSDFs that the rays have met.
+
+    Returns:
+        [N] whether the ray goes on.
+    """
+    has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
+    # Glass of a glTF file has a narrow lobe in place of a sharp one.
+    clear = has(mi.BSDFFlags.Delta) | has(mi.BSDFFlags.Null) | has(mi.BSDFFlags.GlossyTransmission)
+    return clear | (has(mi.BSDFFlags.GlossyReflection) & (sample.pdf > PEAKED))
+
+
 @dr.syntax
 def ray_ends(scene, ray, β, rng):
     """Follow rays through mirrors, glass and holes to the first surface that scatters.
@@ -91,12 +106,7 @@ def ray_ends(scene, ray, β, rng):
         active &= si.is_valid()
         u = mi.Point2f(rng.next_float32(), rng.next_float32())
         sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
-        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
-            sample.sampled_type, mi.BSDFFlags.Null
-        )
-        # Glass of a glTF file has a narrow lobe in place of a sharp one.
-        straight |= mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyTransmission)
-        straight |= mi.has_flag(sample.sampled_type, mi.BSDFFlags.GlossyReflection) & (sample.pdf > PEAKED)
+        straight = goes_straight(sample)
         β = dr.select(active, β * albedo, β)
         ended = active & ~straight & (dr.max(albedo) > 0)
         weight = dr.select(ended, β * dr.inv_pi, weight)

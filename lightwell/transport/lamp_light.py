@@ -17,7 +17,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.lamps import LampGroup
-from lightwell.transport.gather_rays import PASSED
+from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
 from lightwell.transport.lamp_sources import LampSources
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
@@ -27,6 +27,8 @@ from lightwell.transport.samples import SurfacePoints
 
 # Shadow rays to each group from a bin, and from each half of a point: many points are worth more than exact ones.
 BIN_SAMPLES, POINT_SAMPLES = 64, 2
+# Rays from a bin that look for emitters through glass and holes and by mirrors.
+BIN_RAYS = 128
 # Points whose rays are added up at a time; bounds memory.
 POINTS_AT_ONCE = 1 << 14
 
@@ -60,7 +62,7 @@ class LampLight:
         self.radiosity, self._scene = radiosity, radiosity.scene
         self.sources, self._count = LampSources(self._scene, groups), len(groups)
         direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
-        direct[:, :-1] = self._bins(seed)
+        direct[:, :-1] = self._bins(seed) + self._bins_behind(seed)
         # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
         self._irradiance = np.ascontiguousarray((direct + radiosity.indirect(direct)).transpose(2, 1, 0))
 
@@ -145,6 +147,38 @@ class LampLight:
         lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
         E = dr.select(lit & ~self._scene.mi.ray_test(it.spawn_ray_to(ds.p), lit), E, 0)
         return block_mean(E, BIN_SAMPLES)
+
+    def _bins_behind(self, seed: int) -> np.ndarray:
+        """[K, F, 3] irradiance of the bins through glass and holes and by mirrors, which shadow rays do not find."""
+        bins = self.radiosity.bins.count
+        out = np.zeros((self._count * bins, 3))
+        for start in range(0, bins, batch := max(1, LANES // BIN_RAYS)):
+            size = min(batch, bins - start)
+            L, group = self._behind_launch(start, size, ~seed)
+            lit = np.flatnonzero(group < self._count)
+            at = group[lit] * bins + start + lit // BIN_RAYS
+            for channel in range(3):
+                out[:, channel] += np.bincount(at, L[lit, channel], len(out))
+        return (out * (np.pi / BIN_RAYS)).reshape(self._count, bins, 3).astype(np.float32)
+
+    def _behind_launch(self, start: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        lane = dr.arange(mi.UInt32, size * BIN_RAYS)
+        path, index = lane % BIN_RAYS, dr.opaque(mi.UInt32, start) + lane // BIN_RAYS
+        at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
+        rng = random_streams(at_seed, index, path)
+        place, normal = self.radiosity.bins.random_place(index, rng)
+        u = stratified(random_streams(at_seed, index, LATTICE_STREAM), path, mi.UInt32(BIN_RAYS))[1]
+        it = dr.zeros(mi.Interaction3f, dr.width(lane))
+        it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.core_extent) * normal)
+        it.n = mi.Normal3f(normal)
+        d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
+        # A density of 0 leaves what is seen at once to the shadow rays.
+        chosen = (dr.zeros(mi.Float, dr.width(lane)), mi.Bool(False))
+        L, group = emission_met(self._scene.mi, self.sources, rng, it.spawn_ray(d), mi.Spectrum(1), it, chosen)
+        good = dr.all(dr.isfinite(L))
+        L, group = dr.select(good, L, 0), dr.select(good, group, self._count)
+        dr.eval(L, group)
+        return np.array(L).T, np.array(group).astype(np.int64)
 
     # ------------------------------------------------------------------ points
 
@@ -289,12 +323,9 @@ def emission_met(scene, sources, rng, ray, β, prev, chosen):
         active &= si.is_valid() & ~shines
         u = mi.Point2f(rng.next_float32(), rng.next_float32())
         sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
-        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
-            sample.sampled_type, mi.BSDFFlags.Null
-        )
         β = dr.select(active, β * albedo, β)
         prev, delta = interaction_at(si), mi.Bool(True)
         ray = si.spawn_ray(si.to_world(sample.wo))
         passed += 1
-        active &= straight & (passed < PASSED) & (dr.max(β) != 0)
+        active &= goes_straight(sample) & (passed < PASSED) & (dr.max(β) != 0)
     return L, found

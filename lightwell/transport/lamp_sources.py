@@ -75,7 +75,8 @@ class LampSources:
         ds = mi.DirectionSample3f(self.scene.mi, si, prev)
         emitter = dr.reinterpret_array(mi.UInt32, ds.emitter)
         group = dr.select(active, dr.gather(mi.UInt32, self._of_pointer, emitter, active), self.count)
-        active &= group < self.count
+        # A new array: an assignment with "&=" would change the lanes of the caller.
+        active = active & (group < self.count)
         pdf = ds.emitter.pdf_direction(prev, ds, active) / mi.Float(dr.gather(mi.UInt32, self._size, group, active))
         return group, dr.select(active, ds.emitter.eval(si, active), 0), dr.select(active, pdf, 0)
 

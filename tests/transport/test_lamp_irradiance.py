@@ -12,6 +12,7 @@ from lightwell.transport.lamp_irradiance import irradiance_shares
 from lightwell.transport.lamp_light import LampLight
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.surface import draw_surface
+from tests.transport import rooms
 from tests.transport.test_lamp_light import lit_room
 
 POINTS = 384
@@ -45,3 +46,23 @@ def test_an_odd_number_of_rays_is_refused(traced):
     points, light, _ = traced
     with pytest.raises(ValueError, match="rays = 3, expected an even number >= 2"):
         irradiance_shares(light, points, 3, 0)
+
+
+def test_a_lamp_shines_through_glass_of_a_glTF_file():
+    glass = {"type": "principledthin", "spec_trans": 1.0, "roughness": 0.0, "eta": 1.5}
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    meshes = [
+        *walls,
+        rooms.quad("pane", (0.13, 0, -1), (0, 2, 0), (0, 0, 2)),
+        rooms.quad("lamp", (-0.5, 0.3, -0.7), (0, 1.4, 0), (0, 0, 1.4)),
+    ]
+    glow = {"type": "area", "radiance": {"type": "rgb", "value": [2.0] * 3}}
+    bsdfs = [rooms.diffuse((0.6, 0.5, 0.4))] * len(walls) + [glass, rooms.diffuse((0.0, 0.0, 0.0))]
+    scene = rooms.build("pane", meshes, bsdfs, [None] * (len(walls) + 1) + [glow])
+    points = draw_surface(scene, 4096, 1).points
+    # The right wall, which no light reaches but through the pane.
+    behind = points[np.flatnonzero(points.shape == 4)[:POINTS]]
+    light = LampLight(Radiosity(scene, points, 4, 1024), group_lamps(scene, parse_lamps(())), 5)
+    found = irradiance_shares(light, behind, 256, 6)[:, 0]
+    reference = irradiance(scene, behind, 1024, 7).mean
+    np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)

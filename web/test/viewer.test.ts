@@ -131,6 +131,22 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
     }
   });
 
+  it("lights by the inverse square nearer than 0.1 m, where three.js stops", async () => {
+    const base = plainRoom();
+    const page = await open({ ...base, meshes: [...base.meshes, quad(0, [-0.5, 0.5, -0.86], [1, 0, 0], [0, 1, 0])] });
+    await setMode(page, "direct");
+    const light: [number, number, number] = [0, 1, -0.8];
+    await page.evaluate((value) => window.lightwell.setLight(value), light);
+    const at = await radiance(page);
+    const points = [...backWall(1)].map((pixel) => ({ pixel, point: backWallPoint(...pixel, WIDTH, HEIGHT, -0.86) }));
+    const near = points.filter(({ point }) => Math.hypot(...point.map((value, k) => value - light[k]!)) < 0.09);
+    expect(near.length).toBeGreaterThan(8);
+    for (const { pixel, point } of near) {
+      const expected = lambert(WHITE[0], LAMP.intensity, light, point, [0, 0, 1]);
+      expect(Math.abs(at(...pixel)[0]! / expected - 1)).toBeLessThan(0.02);
+    }
+  });
+
   it("casts the shadow of a thin sheet to its foot, from either side", async () => {
     const sheets = [quad(0, [0, 0, 1], [0, 0, -2], [0, 2, 0]), quad(0, [0, 0, -1], [0, 0, 2], [0, 2, 0])];
     for (const sheet of sheets) {

@@ -3,6 +3,7 @@
 import type { MeshStandardMaterial } from "three";
 import { diffuseColor, float, metalness, mix, normalView, positionViewDirection, roughness, select, specularColor, vec3 } from "three/tsl";
 import { PhysicalLightingModel } from "three/webgpu";
+import { MIN_REACH } from "../principled.ts";
 import type { AnyNode } from "./field-nodes.ts";
 
 /** A material without specular reflectance is Lambertian. */
@@ -14,6 +15,7 @@ const LEAST = 1e-3;
 interface DirectInput {
   readonly lightDirection: AnyNode;
   readonly lightColor: AnyNode;
+  readonly lightNode: AnyNode;
   readonly reflectedLight: { readonly directDiffuse: AnyNode; readonly directSpecular: AnyNode };
 }
 
@@ -35,13 +37,21 @@ function smith(alpha2: AnyNode, cosine: AnyNode): AnyNode {
   return number(2).div(alpha2.mul(square.oneMinus()).div(square).add(1).sqrt().add(1));
 }
 
+/** What three.js, which takes every lamp for 0.1 m away at least, leaves out of the light of a nearer one. */
+function nearness(lightNode: AnyNode, builder: unknown): AnyNode {
+  if (!lightNode?.decayExponentNode) return number(1);
+  const reach = lightNode.getLightVector(builder).length().pow(lightNode.decayExponentNode).toVar();
+  return reach.max(0.01).div(reach.max(Number(MIN_REACH)));
+}
+
 /** Direct light as `principledLight` has it; coat and sheen are three.js'. */
 class PrincipledModel extends (PhysicalLightingModel as AnyNode) {
   direct(input: DirectInput, builder: unknown): void {
-    const { lightDirection, lightColor, reflectedLight } = input;
+    const { lightDirection, reflectedLight } = input;
+    const lightColor = input.lightColor.mul(nearness(input.lightNode, builder));
     if (this.clearcoat || this.sheen) {
       const base = { directDiffuse: (vec3 as AnyNode)(0).toVar(), directSpecular: (vec3 as AnyNode)(0).toVar() };
-      super.direct({ ...input, reflectedLight: base }, builder);
+      super.direct({ ...input, lightColor, reflectedLight: base }, builder);
     }
     const [normal, view] = [normalView as AnyNode, positionViewDirection as AnyNode];
     const [rough, metal] = [roughness as AnyNode, metalness as AnyNode];
