@@ -36,7 +36,7 @@ from lightwell.transport.camera import camera_points
 from lightwell.transport.lit_points import LitPoints
 
 # Version; to be increased when the same arguments give other samples than before.
-VERSION = 3
+VERSION = 4
 
 T = TypeVar("T")
 

@@ -19,6 +19,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.lamp_sources import GroupEmitters
+from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, trace
@@ -136,11 +137,11 @@ def direct_irradiance(
     at = dr.zeros(mi.SurfaceInteraction3f, dr.width(lane))
     at.p, at.t = p, mi.Float(0)
     rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), row, lane % SHADOW_RAYS)
-    source = declared(bare, mi.Vector3f(*(dr.full(mi.Float, float(c), dr.width(lane)) for c in light)))
+    source = declared(bare, mi.Vector3f(*(dr.full(mi.Float, float(c), dr.width(lane)) for c in light)), scene)
     u = mi.Point2f(rng.next_float32(), rng.next_float32())
-    wo, weight, _, _, shadow = source.sample(scene.mi, at, u, mi.Bool(True))
-    lit = (dr.max(weight) > 0) & ~scene.mi.ray_test(shadow)
-    value = dr.select(lit, weight * dr.maximum(dr.dot(n, wo), 0), 0)
+    wo, weight, _, delta, shadow = source.sample(scene.mi, at, u, mi.Bool(True))
+    T, _ = unblocked(scene.mi, source.panes, shadow, dr.max(weight) > 0, delta)
+    value = dr.select(T > 0, T * weight * dr.maximum(dr.dot(n, wo), 0), 0)
     found = np.stack([np.array(dr.block_sum(c, SHADOW_RAYS)) for c in value], axis=1) / SHADOW_RAYS
     return found * (variable.sunlight(light[None]) if has_sky(variable) else 1.0)
 
@@ -187,7 +188,7 @@ def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
     place, normal = upload(mi.Point3f, columns["point"]), upload(mi.Vector3f, columns["normal"])
     lights = None if variable is None else upload(mi.Vector3f, columns["light"])
     streams = upload_integers(columns["stream"])
-    own = GroupEmitters.of(scene, settings["emitters"]) if settings["emitters"] else Emitters()
+    own = GroupEmitters.of(scene, settings["emitters"]) if settings["emitters"] else Emitters(panes_of(scene))
     numbers = [dr.opaque(mi.UInt32, v) for v in (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((count, 2, 30), np.float32)
@@ -209,9 +210,7 @@ def _launch(scene: Scene, place, normal, streams, settings, span, variable, ligh
     rng = random_streams(seed, stream, (group & 1) * size + path)
     shift = random_streams(seed, stream, LATTICE_STREAM + (group & 1))
     p, n = dr.gather(mi.Point3f, place, row), dr.gather(mi.Vector3f, normal, row)
-    source = (
-        emitters if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row), scene.surrounding)
-    )
+    source = emitters if variable is None else declared(variable, dr.gather(mi.Vector3f, lights, row), scene)
     u = stratified(shift, path, size)[1]
     columns = _arriving(scene.mi, p, n, source, rng, u, max_depth, rr_depth, variable is None and direct)
     dr.eval(columns)
@@ -231,9 +230,9 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
             geometry, at, mi.Point2f(rng.next_float32(), rng.next_float32()), mi.Bool(True)
         )
         lit = (dr.max(weight) > 0) & (mi.Bool(own) | ~delta)
-        lit &= ~geometry.ray_test(shadow, lit)
+        T, _ = unblocked(geometry, source.panes, shadow, lit, delta)
         mis = dr.select(delta, 1, power_heuristic(pdf, UNIFORM))
-        totals = _added(totals, wo, n, dr.select(lit, mis * weight, 0))
+        totals = _added(totals, wo, n, dr.select(lit, T * mis * weight, 0))
     # --------------------- Uniformly distributed ray ---------------------
     d = mi.warp.square_to_uniform_sphere(u)
     ray = mi.Ray3f(p, d)

@@ -16,6 +16,7 @@ from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
+from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
@@ -301,9 +302,9 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         si = scene.mi.ray_intersect(ray)
         L = si.emitter(scene.mi).eval(si)
         if variable is not None:
-            L += tint * _lit(scene.mi, si, ray, declared(variable, source, scene.surrounding), rng, depths)
+            L += tint * _lit(scene.mi, si, ray, declared(variable, source, scene), rng, depths)
         if settings["with_static"]:
-            L += trace(scene.mi, si, Emitters(), rng, independent(rng), *depths, True)
+            L += trace(scene.mi, si, Emitters(panes_of(scene)), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         dr.eval(L)
         total[start : start + count] += _rows(dr.block_sum(L, block))

@@ -77,7 +77,7 @@ def day_light(radiosity: Radiosity, variable: Sun, suns: np.ndarray, seed: int) 
         part = slice(start, start + TIMES_AT_ONCE)
         for c in range(3):
             seen = from_sky[c] @ tables.cells[step[part], :, c].T
-            direct[part, :count, c] = white[part] * tables.sun[step[part], c, None] + seen.T
+            direct[part, :count, c] = white[part, :, c] * tables.sun[step[part], c, None] + seen.T
     irradiance[:, :count] = (direct + radiosity.indirect(direct))[:, :count]
     return BinLight(irradiance, np.asarray(suns, np.float32))
 

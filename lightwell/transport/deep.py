@@ -9,6 +9,7 @@ from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
 from lightwell.transport.camera import camera_rays, first_surface
 from lightwell.transport.interactions import upload
+from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.sources import Emitters, declared
@@ -53,7 +54,7 @@ def deep_image(
     pixels, block = width * height, min(spp, LAUNCH)
     radiance, depth = np.zeros((surfaces, pixels, 3)), np.full((surfaces, pixels), np.inf, np.float32)
     tint = upload(mi.Color3f, np.full((1, 3), intensity, np.float32))
-    source = None if variable is None else declared(variable, upload(mi.Vector3f, np.reshape(light, (1, 3))))
+    source = None if variable is None else declared(variable, upload(mi.Vector3f, np.reshape(light, (1, 3))), scene)
     batch = max(1, LAUNCH // block)
     for start in range(0, pixels, batch):
         rows = slice(start, min(start + batch, pixels))
@@ -100,5 +101,5 @@ def _light(
     if source is not None:
         L += tint * trace(scene.mi, si, source, rng, independent(rng), *limits, True)
     if scene.has_static_light:
-        L += trace(scene.mi, si, Emitters(), rng, independent(rng), *limits, True)
+        L += trace(scene.mi, si, Emitters(panes_of(scene)), rng, independent(rng), *limits, True)
     return dr.select(dr.all(dr.isfinite(L)) & there, L, 0)

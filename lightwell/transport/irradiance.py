@@ -16,6 +16,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
+from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
@@ -123,7 +124,7 @@ def _launch(scene: Scene, device, sides, settings, start: int, count: int, half:
 
 def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
     """Estimate E' once at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
-    source, geometry = Emitters(), scene.mi
+    source, geometry = Emitters(panes_of(scene)), scene.mi
     # ----------------- Normals on the requested side ------------------
     flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
     normal = mi.Vector3f(si.sh_frame.n)
@@ -133,9 +134,9 @@ def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
     wo, weight, pdf, delta, shadow = source.sample(geometry, si, light, mi.Bool(True))
     cosine = dr.dot(normal, wo)
     lit = (dr.max(weight) > 0) & (cosine > 0) & (dr.dot(flat, wo) > 0)
-    lit &= ~geometry.ray_test(shadow, lit)
+    T, _ = unblocked(geometry, source.panes, shadow, lit, delta)
     mis = dr.select(delta, 1, power_heuristic(pdf, cosine * dr.inv_pi))
-    direct = dr.select(lit, mis * weight * cosine * dr.inv_pi, 0)
+    direct = dr.select(lit, T * mis * weight * cosine * dr.inv_pi, 0)
     # --------------------- Cosine-distributed ray ---------------------
     d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
     above = dr.dot(flat, d) > 0

@@ -16,6 +16,7 @@ from lightwell.backend import dr, mi
 from lightwell.transport.gather_rays import ray_ends
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.lamp_light import LampLight, block_mean, emission_met
+from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiosity import LANES, Rows, stored_ends
@@ -118,7 +119,8 @@ class _Tracer:
         mis = dr.select(ds.delta, 1, power_heuristic(density, cosine * dr.inv_pi))
         E = mis * weight * cosine * dr.inv_pi
         lit = (density > 0) & (cosine > 0) & (dr.dot(flat, ds.d) > 0) & (dr.max(E) > 0) & dr.all(dr.isfinite(E))
-        E = dr.select(lit & ~self._scene.mi.ray_test(si.spawn_ray_to(ds.p), lit), E, 0)
+        T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, ds.delta)
+        E = dr.select(lit, E * T, 0)
         return block_mean(E, samples).reshape(size, sources.count, 3)
 
     def _cosine_rays(self, first: int, size: int, rays: int, seed: int):

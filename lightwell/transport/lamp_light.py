@@ -20,6 +20,7 @@ from lightwell.scenes.lamps import LampGroup
 from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
 from lightwell.transport.lamp_sources import LampSources
+from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiosity import LANES, Radiosity, Rows
@@ -145,7 +146,8 @@ class LampLight:
         ds, weight, _ = self.sources.sample(it, group, number, u, mi.Bool(True))
         E = weight * dr.maximum(dr.dot(normal, ds.d), 0)
         lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
-        E = dr.select(lit & ~self._scene.mi.ray_test(it.spawn_ray_to(ds.p), lit), E, 0)
+        T, _ = unblocked(self._scene.mi, panes_of(self._scene), it.spawn_ray_to(ds.p), lit, ds.delta)
+        E = dr.select(lit, E * T, 0)
         return block_mean(E, BIN_SAMPLES)
 
     def _bins_behind(self, seed: int) -> np.ndarray:
@@ -230,7 +232,8 @@ class LampLight:
         )
         L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
         lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
-        L = dr.select(lit & ~self._scene.mi.ray_test(si.spawn_ray_to(ds.p), lit), L, 0)
+        T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, ds.delta)
+        L = dr.select(lit, L * T, 0)
         return block_mean(L, samples).reshape(len(rows), 2, self._count, 3)
 
     def _emitted(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int) -> np.ndarray:

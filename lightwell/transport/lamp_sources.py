@@ -12,6 +12,7 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
+from lightwell.transport.panes import Panes, panes_of
 
 
 class LampSources:
@@ -91,6 +92,7 @@ class GroupEmitters:
     """1 for the pointers of emitters that shine, else 0."""
     size: mi.UInt32
     """M, opaque."""
+    panes: Panes | None = None
     hits = True
     emits = False
     first_hit = False
@@ -113,6 +115,7 @@ class GroupEmitters:
             mi.UInt32([pointers[index] for index in emitters]),
             mi.Float(shines),
             dr.opaque(mi.UInt32, len(emitters)),
+            panes_of(scene),
         )
         dr.eval(made.emitter, made.shines, made.size)
         return made

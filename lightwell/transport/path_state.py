@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
+from lightwell.transport.panes import unblocked
 from lightwell.transport.sources import Source
 
 # Largest survival probability of the roulette; Mitsuba's path integrator.
@@ -63,13 +64,15 @@ class LightSample:
     direction: mi.Vector3f
     """[N] towards the light, unit, world space."""
     weight: mi.Spectrum
-    """[N] radiance over density; irradiance for lights without extent."""
+    """[N] radiance over density; irradiance for lights without extent. Less what panes hold back."""
     pdf: mi.Float
     """[N] density per steradian."""
     delta: mi.Bool
     """[N] whether the light has no extent, so that BSDF sampling cannot find it."""
     seen: mi.Bool
     """[N] active lanes whose light is visible."""
+    chance: mi.Float
+    """[N] chance with which a random ray from the light comes as far as the vertex; 1 where nothing is on the way."""
 
     def mis(self, bsdf_pdf: mi.Float) -> mi.Float:
         """Compute the weight against BSDF sampling.
@@ -98,9 +101,8 @@ def sample_light(scene: mi.Scene, si: mi.SurfaceInteraction3f, source: Source, u
         The samples.
     """
     direction, weight, pdf, delta, shadow = source.sample(scene, si, u, active)
-    seen = active & (dr.max(weight) > 0)
-    seen &= ~scene.ray_test(shadow, seen)
-    return LightSample(direction, weight, pdf, delta, seen)
+    T, chance = unblocked(scene, source.panes, shadow, active & (dr.max(weight) > 0), delta)
+    return LightSample(direction, weight * T, pdf, delta, chance > 0, chance)
 
 
 class PathState:

@@ -4,11 +4,12 @@ Notation: N points, P paths per half. One lane is one path; two independent halv
 
 Algorithm: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the power
 heuristic. Without light rays it is Mitsuba's ``path``, except that paths start on a surface and that the light is not
-part of the scene. Its value is that of ``path`` minus ``direct``.
+part of the scene. Without panes its value is that of ``path`` minus ``direct``.
 
-Not supported: light of a point light or the sun through glass or by a mirror (zero-measure paths: caustics are missing;
-give the light a radius); participating media; polarisation. Shadow rays stop at every surface, alpha masks included, as
-in ``path``.
+Light of a point light or the sun passes holes, blended surfaces and clear glass in a straight line (``panes``).
+
+Not supported: light of a point light or the sun by a mirror, or bent by glass (zero-measure paths: caustics are
+missing; give the light a radius); participating media; polarisation.
 
 Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bidirectional path tracing).
 """
@@ -27,6 +28,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
 from lightwell.transport.moved import by_pose
+from lightwell.transport.panes import first_stop, panes_of
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
@@ -141,7 +143,7 @@ def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, conn
     if include_direct or source.first_hit:
         L += _direct(scene, si, bsdf, source, rng, stopped, include_direct)
     if source.emits and connections > 0:
-        z = scene.ray_intersect(source.emit(light))
+        z = first_stop(scene, source.panes, source.emit(light), rng)
         L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), stopped)
     # Lobes come in the order covered, seen through.
     sample, β = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, direction)
@@ -166,7 +168,8 @@ def _next_vertex(scene, si, bsdf, source, rng, active, rays):
     mis = light.mis(pdf)
     if rays is not None:
         both, by_bsdf = rays
-        mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si)), 1)
+        stops = light.chance if source.panes is None else light.chance * (1 - source.panes.passes(si, active)[1])
+        mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si) * stops), 1)
     return dr.select(light.seen, mis * value * light.weight, 0), sample, weight
 
 
@@ -180,6 +183,7 @@ def _light_density(source, si) -> mi.Float:
 def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
     """Connect ``si`` to the light vertex ``z``, with the MIS weight against BSDF sampling, which could find z too."""
     ctx = mi.BSDFContext()
+    z, T, chance = z
     offset = z.p - si.p
     distance2 = dr.squared_norm(offset)
     direction = offset * dr.rsqrt(distance2)
@@ -187,13 +191,13 @@ def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
     to_light = dr.normalize(source.position - z.p)
     z.wi = z.to_local(-direction)
     cosine = dr.abs(dr.dot(z.n, direction))
-    density = _light_density(source, z)
+    density = _light_density(source, z) * chance
     active &= z.is_valid() & (distance2 > 0) & (cosine > 0) & (density > 0)
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
     value, pdf = (v / stopped for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
     mis = power_heuristic(density, pdf * cosine / distance2)
-    return dr.select(active, mis * value * reflected * cosine / (distance2 * density), 0)
+    return dr.select(active, mis * value * reflected * T * cosine / (distance2 * density), 0)
 
 
 def _direct(scene, si, bsdf, source, rng, stopped, whole) -> mi.Spectrum:
@@ -381,8 +385,8 @@ def _means(
 
     def source(row):
         if positions is None:
-            return Emitters()
-        return declared(variable, dr.gather(mi.Vector3f, positions, row), scene.surrounding)
+            return Emitters(panes_of(scene))
+        return declared(variable, dr.gather(mi.Vector3f, positions, row), scene)
 
     half = limits.paths // 2
     device = DevicePoints(points)

@@ -30,6 +30,7 @@ from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bins import Bins, find_bins, parted
 from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import CELLS
@@ -194,7 +195,7 @@ class Radiosity:
         """
         direct = self.direct(variable, lights, seed)
         irradiance = self.indirect(direct)
-        irradiance += direct[..., None]
+        irradiance += direct
         return BinLight(irradiance, np.asarray(lights, np.float32))
 
     def direct(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
@@ -206,16 +207,16 @@ class Radiosity:
             seed: Seed of the places in the bins.
 
         Returns:
-            [K, F + 1] float32; the last column is 0.
+            [K, F + 1, 3] float32; the last bin is dark. Without coloured glass the three are equal.
         """
-        direct = np.zeros((len(lights), self.bins.count + 1), np.float32)
+        direct = np.zeros((len(lights), self.bins.count + 1, 3), np.float32)
         batch = max(1, LANES // self.bins.count)
         for start in range(0, len(lights), batch):
             direct[start : start + batch, :-1] = self._irradiance(variable, lights[start : start + batch], seed + start)
         return direct
 
     def _irradiance(self, variable: Variable, lights: np.ndarray, seed: int) -> np.ndarray:
-        """[k, F] direct irradiance at a random place of each bin."""
+        """[k, F, 3] direct irradiance at a random place of each bin."""
         count = self.bins.count
         lane = dr.arange(mi.UInt32, len(lights) * count)
         of_bin = lane % dr.opaque(mi.UInt32, count)
@@ -234,8 +235,9 @@ class Radiosity:
         else:
             E = dr.maximum(dr.dot(n, light), 0)
             ray = mi.Ray3f(origin, light)
-        E = dr.select(E > 0, dr.select(self.scene.mi.ray_test(ray, E > 0), 0, E), 0)
-        return np.array(E).reshape(len(lights), count)
+        T, _ = unblocked(self.scene.mi, panes_of(self.scene), ray, E > 0, mi.Bool(True))
+        colored = dr.select(E > 0, E * T, 0)
+        return np.array(colored).T.reshape(len(lights), count, 3)
 
     def indirect(self, direct: np.ndarray) -> np.ndarray:
         """Compute the indirect irradiance of the bins.

@@ -15,6 +15,7 @@ from lightwell.backend import dr, mi, upload_floats
 from lightwell.core.color import LUMINANCE
 from lightwell.scenes.sky import COLUMNS, ROWS, STEPS
 from lightwell.scenes.variables import Sun
+from lightwell.transport.panes import Panes
 
 # Share of the directions that are chosen to the sun.
 TO_SUN = 0.5
@@ -54,17 +55,19 @@ class DayEmitter:
     """[STEPS * CELLS * 3] radiance of the sky."""
     sums: mi.Float
     """[STEPS * CELLS] cumulated probability of the cells."""
+    panes: Panes | None = None
     hits = True
     emits = False
     first_hit = True
 
     @staticmethod
-    def of(variable: Sun, direction: mi.Vector3f) -> DayEmitter:
+    def of(variable: Sun, direction: mi.Vector3f, panes: Panes | None = None) -> DayEmitter:
         """Make the source of a sun with a sky.
 
         Args:
             variable: The sun.
             direction: [N] directions to it, unit.
+            panes: What its sun passes.
 
         Returns:
             The source.
@@ -76,7 +79,7 @@ class DayEmitter:
         # In twilight the light grows by a fifth from one step to the next.
         before = mi.UInt32(dr.clip(dr.floor(place), 0, STEPS - 2))
         ends = (dr.gather(mi.Float, level, before + k) for k in (0, 1))
-        return DayEmitter(direction, color, step, dr.lerp(*ends, place - mi.Float(before)), cells, sums)
+        return DayEmitter(direction, color, step, dr.lerp(*ends, place - mi.Float(before)), cells, sums, panes)
 
     def sky(self, direction: mi.Vector3f, active: mi.Bool) -> mi.Color3f:
         """Evaluate the sky.

@@ -4,6 +4,7 @@ Every source offers the two techniques of multiple importance sampling (Veach 19
 
 * ``sample(scene, si, u, active)``: a direction towards the light; returns (wo [world], weight = Le / pdf, pdf, delta,
   shadow ray).
+  Where it has ``panes``, the shadow ray of a light without extent passes them.
 * ``hit(scene, prev, si, ray, delta_prev, active)``: the radiance that a BSDF-sampled ray finds, with the density with
   which ``sample`` would have chosen its direction.
 
@@ -19,7 +20,9 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from lightwell.backend import dr, mi
+from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
+from lightwell.transport.panes import Panes, panes_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.turned_source import TurnedEmitter
 
@@ -32,6 +35,7 @@ class PointEmitter:
     """A point light of 1 cd."""
 
     position: mi.Point3f
+    panes: Panes | None = None
     hits = False  # a ray cannot find it
     emits = True  # it can send a ray
     first_hit = False  # its direct light is the rasteriser's, without exception
@@ -70,6 +74,7 @@ class SunEmitter:
     """A distant light of 1 lx at normal incidence; ``direction`` points to it."""
 
     direction: mi.Vector3f
+    panes: Panes | None = None
     hits = False
     emits = False
     first_hit = False
@@ -95,6 +100,7 @@ class Sphere:
 
     position: mi.Point3f
     radius: mi.Float
+    panes = None  # rays that the BSDF chooses find it behind glass
     hits = True
     emits = False
     first_hit = False
@@ -173,6 +179,7 @@ class Sphere:
 class Emitters:
     """The emitters in the Mitsuba scene: area lights, environment, punctual lights."""
 
+    panes: Panes | None = None
     hits = True
     emits = False
     first_hit = False
@@ -227,23 +234,23 @@ Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | TurnedEmitter | Sph
 Declared: TypeAlias = PointEmitter | Sphere | SunEmitter | DayEmitter | TurnedEmitter
 
 
-def declared(variable: Variable, light: mi.Vector3f, surrounding: Any = None) -> Declared:
+def declared(variable: Variable, light: mi.Vector3f, scene: Scene) -> Declared:
     """Make the source that a variable declares.
 
     Args:
         variable: The declared light.
         light: Its position in every lane, metres (direction to a sun).
-        surrounding: ``Scene.surrounding``, for an environment map that turns.
+        scene: The scene that it lights.
 
     Returns:
         A sun, alone or with its sky, an environment map, a sphere for a radius above 0, else a point.
     """
     if has_sky(variable):
-        return DayEmitter.of(variable, dr.normalize(light))
+        return DayEmitter.of(variable, dr.normalize(light), panes_of(scene))
     if isinstance(variable, Turning):
-        return TurnedEmitter.of(surrounding, dr.normalize(light))
+        return TurnedEmitter.of(scene.surrounding, dr.normalize(light))
     if variable.kind == "sun":
-        return SunEmitter(dr.normalize(light))
+        return SunEmitter(dr.normalize(light), panes_of(scene))
     if isinstance(variable, PointLight) and variable.radius > 0:
         return Sphere(mi.Point3f(light), dr.opaque(mi.Float, variable.radius))
-    return PointEmitter(mi.Point3f(light))
+    return PointEmitter(mi.Point3f(light), panes_of(scene))

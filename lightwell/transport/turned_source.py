@@ -20,6 +20,7 @@ class TurnedEmitter:
     """Horizontal unit vector of every lane."""
     pointer: mi.UInt32
     """The emitter, which is not part of the scene that is traced."""
+    panes = None  # it has no delta lobe
     hits = True
     emits = False
     first_hit = True
