@@ -15,7 +15,7 @@ import {
   stillField,
   WHITE,
 } from "./support/fixtures.ts";
-import { type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
+import { ball, type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint, lambert, srgb255 } from "./support/optics.ts";
 import { packReference, pageWith } from "./support/page.ts";
 
@@ -254,6 +254,27 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
     const moved = await page.evaluate(() => window.lightwell.stats());
     expect(moved).toMatchObject({ mode: "learned", view: null });
     expect(moved.notice).toContain("saved views");
+  });
+
+  it("shows silhouettes of the reference before an empty background without dark fringes", async () => {
+    const base = plainRoom();
+    const alone = { ...base, meshes: [ball(0, [0, 1, 0], 0.5)] };
+    const smooth = QUERY.replace("samples=0", "samples=4");
+    const first = await open(alone, smooth, { title: "Fixture", home: CAMERA });
+    const { learned, radiance } = await first.evaluate(() => {
+      const radiance = window.lightwell.readRadiance();
+      return { learned: Array.from(window.lightwell.readPixels().data), radiance: Array.from(radiance.data) };
+    });
+    // What a path tracer's picture has at a silhouette: light times coverage, before black.
+    const rgb = Float32Array.from({ length: 3 * WIDTH * HEIGHT }, (_, i) => radiance[4 * Math.floor(i / 3) + (i % 3)]!);
+    const partly = radiance.filter((value, i) => i % 4 === 3 && value > 0.05 && value < 0.95).length;
+    expect(partly).toBeGreaterThan(20);
+    const view = { name: "One", camera: CAMERA, light: LAMP.initial, width: WIDTH, height: HEIGHT, ...packReference(rgb, WIDTH) };
+    const page = await open(alone, smooth, { title: "Fixture", home: CAMERA, views: [view] });
+    await page.evaluate(() => window.lightwell.setView(0));
+    await setMode(page, "reference");
+    const shown = await page.evaluate(() => Array.from(window.lightwell.readPixels().data));
+    expect(Math.max(...shown.map((value, i) => Math.abs(value - learned[i]!)))).toBeLessThanOrEqual(3);
   });
 
   it("adds none of the file's own lights, but what hangs on them", async () => {

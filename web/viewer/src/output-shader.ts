@@ -79,6 +79,17 @@ export function outputFragment(toneMapping: ToneMappingName): string {
     return errorColor( ( learned - truth ) / ( truth + floorRadiance ) );
   }
 
+  // Of a pixel of the reference: at a silhouette that of the learned picture, because what is behind is black in the
+  // reference; elsewhere that of what has light, such as glass, which the learned picture does not cover.
+  float covered( float drawn, vec3 truth ) {
+    vec2 texel = frame.zw / vec2( textureSize( reference, 0 ) );
+    float near = drawn;
+    for ( int y = -2; y <= 2; y++ ) {
+      for ( int x = -2; x <= 2; x++ ) near = max( near, texture( total, vUv + texel * vec2( x, y ) ).a );
+    }
+    return near > 0.0 ? drawn : float( any( greaterThan( truth, vec3( 0.0 ) ) ) );
+  }
+
   float gradientNoise( vec2 p ) {
     return fract( 52.9829189 * fract( dot( p, vec2( 0.06711056, 0.00583715 ) ) ) );
   }
@@ -93,8 +104,8 @@ export function outputFragment(toneMapping: ToneMappingName): string {
     if ( show == ${SHOW.experts} ) shown = mix( backdrop( vUv ), sRGBTransferOETF( learned / max( learned.a, 1e-4 ) ).rgb, learned.a );
     if ( show == ${SHOW.reference} || ( show == ${SHOW.split} && vUv.x < split ) ) {
       vec3 truth = texture( reference, vec2( at.x, 1.0 - at.y ) ).rgb;
-      float coverage = max( learned.a, any( greaterThan( truth, vec3( 0.0 ) ) ) ? 1.0 : 0.0 );
-      shown = inFrame ? over( truth * coverage, coverage ) : backdrop( vUv );
+      float coverage = covered( learned.a, truth );
+      shown = inFrame ? over( truth, coverage ) : backdrop( vUv );
     } else if ( show == ${SHOW.difference} ) {
       shown = inFrame ? differenceColor( at ) : backdrop( vUv );
     }
