@@ -1,6 +1,3 @@
-/** Least power of the distance to a lamp that light is divided by: one millimetre, at the decay of two that light has. */
-export const MIN_REACH = "1e-6";
-
 /**
  * The path tracer's surface model for the rasterised light: Burley's "principled" BSDF (SIGGRAPH 2012 course notes) as
  * Mitsuba 3 evaluates it, isotropic and opaque. Symbols: n normal, v to the eye, l to the light, h halfway vector,

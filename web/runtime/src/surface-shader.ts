@@ -7,7 +7,7 @@ import {
   type WebGLRenderer,
 } from "three";
 import { rendererName } from "./device.ts";
-import { MIN_REACH, principledLight } from "./principled.ts";
+import { principledLight } from "./principled.ts";
 import { replacePart } from "./shader-part.ts";
 import { SHADOW_LIFT, SUN_EDGE } from "./shadow-lift.ts";
 import type { SurfaceFinish } from "./surface-finish.ts";
@@ -19,7 +19,10 @@ const MIN_REFLECTANCE = "1e-3";
 const DIELECTRIC_F0 = "0.04";
 
 /** three.js' least square of the distance to a lamp: nearer than 0.1 m nothing gets brighter, which is all of a small scene. */
-const LEAST_REACH = "max( pow( lightDistance, decayExponent ), 0.01 )";
+const LEAST_REACH = "0.01";
+
+/** One millimetre, in its place. */
+const MIN_REACH = "1e-6";
 
 /** Finish the shader of a standard or physical material. */
 export function patchSurfaceShader(
@@ -33,7 +36,7 @@ export function patchSurfaceShader(
   if (finish.readsUv) passTextureCoordinates(shader);
   const parts = [
     ["void main() {", `${principledLight(COATS)}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\nuniform mat4 lightwellToRest;\n${finish.functions()}\nvoid main() {`],
-    ["#include <lights_pars_begin>", replacePart(ShaderChunk.lights_pars_begin, LEAST_REACH, LEAST_REACH.replace("0.01", MIN_REACH))],
+    ["#include <lights_pars_begin>", replacePart(ShaderChunk.lights_pars_begin, LEAST_REACH, MIN_REACH)],
     ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
     ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
     ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),

@@ -3,7 +3,6 @@
 import type { MeshStandardMaterial } from "three";
 import { diffuseColor, float, metalness, mix, normalView, positionViewDirection, roughness, select, specularColor, vec3 } from "three/tsl";
 import { PhysicalLightingModel } from "three/webgpu";
-import { MIN_REACH } from "../principled.ts";
 import type { AnyNode } from "./field-nodes.ts";
 
 /** A material without specular reflectance is Lambertian. */
@@ -39,9 +38,10 @@ function smith(alpha2: AnyNode, cosine: AnyNode): AnyNode {
 
 /** What three.js, which takes every lamp for 0.1 m away at least, leaves out of the light of a nearer one. */
 function nearness(lightNode: AnyNode, builder: unknown): AnyNode {
-  if (!lightNode?.decayExponentNode) return number(1);
-  const reach = lightNode.getLightVector(builder).length().pow(lightNode.decayExponentNode).toVar();
-  return reach.max(0.01).div(reach.max(Number(MIN_REACH)));
+  const decay = lightNode.decayExponentNode;
+  if (!decay) return number(1);
+  const reach = lightNode.getLightVector(builder).length().pow(decay).toVar();
+  return reach.max(0.01).div(reach.max(1e-6));
 }
 
 /** Direct light as `principledLight` has it; coat and sheen are three.js'. */
