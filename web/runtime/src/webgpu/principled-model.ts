@@ -40,8 +40,7 @@ function smith(alpha2: AnyNode, cosine: AnyNode): AnyNode {
 function nearness(lightNode: AnyNode, builder: unknown): AnyNode {
   const decay = lightNode.decayExponentNode;
   if (!decay) return number(1);
-  const reach = lightNode.getLightVector(builder).length().pow(decay).toVar();
-  return reach.max(0.01).div(reach.max(1e-6));
+  return number(0.01).div(lightNode.getLightVector(builder).length().pow(decay)).clamp(1, 1e4);
 }
 
 /** Direct light as `principledLight` has it; coat and sheen are three.js'. */
