@@ -281,8 +281,8 @@ def warnings(state: State) -> list[str]:
     if delta and variable is not None and getattr(variable, "radius", 1.0) == 0.0:
         size = 0.01 * scene.extent
         found.append(
-            f"materials {', '.join(delta[:6])} are mirrors or clear glass: what they focus of a point light (caustics) is missing; "
-            f"give the light a size with --vary {variable.name}.radius={size:.3g}"
+            f"materials {', '.join(delta[:6])} are mirrors or clear glass: what they focus of a point light (caustics) "
+            f"is missing; give the light a size with --vary {variable.name}.radius={size:.3g}"
         )
     return found
 

@@ -22,7 +22,7 @@ from lightwell.transport.lamp_sources import GroupEmitters
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
-from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
 

@@ -18,8 +18,9 @@ from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.queries import make_query
-from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, PathReport, direct, indirect, static, trace
+from lightwell.transport.radiance import LAUNCH, PathReport, direct, indirect, static
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared

@@ -7,8 +7,9 @@ import numpy as np
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
 from lightwell.transport.queries import make_query
-from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport, indirect, static
+from lightwell.transport.radiance import PathReport, indirect, static
 from lightwell.transport.samples import Samples, SurfacePoints, columns_of
 
 

@@ -11,7 +11,8 @@ from lightwell.transport.camera import camera_rays, first_surface
 from lightwell.transport.interactions import upload
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
-from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.radiance import LAUNCH
 from lightwell.transport.sources import Emitters, declared
 
 # Between the seeds of surfaces one behind the other.

@@ -18,7 +18,8 @@ from lightwell.transport.interactions import DevicePoints, coverage, gather_inte
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_state import PathState, is_delta, sample_light
-from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
+from lightwell.transport.radiance import LAUNCH
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import shape_index, shape_lookup, tables

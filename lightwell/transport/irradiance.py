@@ -19,8 +19,9 @@ from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
-from lightwell.transport.radiance import LAUNCH, MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.radiance import LAUNCH
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables

@@ -1,17 +1,7 @@
 """Radiance queries: path-traced radiance leaving surface points towards the camera, with one light position per point.
 
-Notation: N points, P paths per half. One lane is one path; two independent halves of P paths belong to each point.
-
-Algorithm: next-event estimation, BSDF sampling and (point lights) light rays of one segment, combined by the power
-heuristic. Without light rays it is Mitsuba's ``path``, except that paths start on a surface and that the light is not
-part of the scene. Without panes its value is that of ``path`` minus ``direct``.
-
-Light of a point light or the sun passes holes, blended surfaces and clear glass in a straight line (``panes``).
-
-Not supported: light of a point light or the sun by a mirror, or bent by glass (zero-measure paths: caustics are
-missing; give the light a radius); participating media; polarisation.
-
-Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bidirectional path tracing).
+Notation: N points, P paths per half. One lane is one path; two independent halves of P paths belong to each point. The
+paths themselves are in ``paths``.
 """
 
 from __future__ import annotations
@@ -26,185 +16,17 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
-from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction, upload
+from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.moved import by_pose
-from lightwell.transport.panes import first_stop, panes_of
-from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
+from lightwell.transport.panes import panes_of
+from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
 from lightwell.transport.path_settings import PathSettings
-from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
+from lightwell.transport.paths import CONNECTIONS, DIRECT_DEPTH, MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.samples import SurfacePoints, columns_of
-from lightwell.transport.sources import Emitters, Source, declared
+from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
-
-# Longest path, counted as Mitsuba does (2 = direct light). In a closed room of albedo 0.8 longer ones hold 0.1 %.
-MAX_DEPTH = 32
-# Paths of direct light alone.
-DIRECT_DEPTH = 2
-# Depth from which Russian roulette may end a path; Mitsuba's default.
-RR_DEPTH = 5
-# Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
-# emitter sampling alone it takes 1.5 times as long and has a third of the variance (Cornell box, light anywhere).
-CONNECTIONS = MAX_DEPTH
-
-
-def trace(
-    scene: mi.Scene,
-    si: mi.SurfaceInteraction3f,
-    source: Source,
-    rng: mi.PCG32,
-    first: tuple[mi.Float, mi.Point2f, mi.Point2f],
-    max_depth: mi.UInt32,
-    rr_depth: mi.UInt32,
-    include_direct: bool,
-    connections: int = CONNECTIONS,
-    see_through: bool = True,
-    one_bounce: bool = False,
-) -> mi.Spectrum:
-    """Estimate the radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one path per lane.
-
-    Args:
-        scene: Mitsuba scene: the geometry and BSDFs.
-        si: Surface interactions where the paths start.
-        source: Declared light (per lane) or the scene's emitters.
-        rng: PCG32, one stream per lane.
-        first: (number, 2D point, 2D point) in [0, 1) that choose the lobe and the direction of the first bounce and the
-            direction of the light ray: see ``path_numbers``.
-        max_depth: Longest path in Mitsuba's count (2 = direct light only); opaque.
-        rr_depth: Depth from which Russian roulette may end a path; opaque.
-        include_direct: Count light that reaches ``si`` from the source in a straight line. Otherwise paths that find
-            the source at their first bounce are dropped, and emitter sampling starts at the second vertex.
-        connections: Number of vertices, from the query point on, that are connected to the surface that one ray from a
-            point light meets: it samples the bright spot next to a light near a wall. 0: as Mitsuba's ``path``.
-        see_through: Where ``si`` lies on a blended surface (alpha), include what is seen through it, by its coverage.
-            Off: the light of the surface alone, as if its coverage were 1; a rasteriser blends it itself.
-        one_bounce: ``max_depth`` is 2: where no ray can find the source, the kernel has no loop over further bounces.
-
-    Returns:
-        One estimate of the radiance per lane.
-    """
-    ends = one_bounce and not source.hits
-    connections = 0 if one_bounce else connections
-    L, z, path = _first_vertex(scene, si, source, rng, first, max_depth, include_direct, connections, see_through)
-    if ends:
-        return L
-    limits = (max_depth, rr_depth)
-    return _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
-
-
-@dr.syntax
-def _follow(scene, path, L, z, source, rng, limits, include_direct, connections):
-    """Follow paths from their first bounce; returns the radiance L with what they find."""
-    max_depth, rr_depth = limits
-    while dr.hint(path.active, label="lightwell radiance"):
-        si = scene.ray_intersect(path.ray, mi.RayFlags.All, False, path.active)
-        bsdf = si.bsdf(path.ray)
-
-        # ------------------ The source, met by BSDF sampling ------------------
-
-        if dr.hint(source.hits, mode="scalar"):
-            Le, mis = path.meet(scene, si, source)
-            L += dr.select(mi.Bool(include_direct or source.first_hit) | (path.depth > 1), path.β * mis * Le, 0)
-
-        # ------------------ Emitter sampling, and next direction ------------------
-
-        goes = path.active & si.is_valid() & (path.depth + 1 < max_depth)
-        rays = _ray_densities(path, si, connections) if source.emits and connections > 0 else None
-        light, sample, weight = _next_vertex(scene, si, bsdf, source, rng, goes, rays)
-        L += path.β * light
-        if dr.hint(source.emits and connections > 1, mode="scalar"):
-            joined = goes & (path.depth < connections) & (path.depth + 2 < max_depth)
-            L += path.β * _connect(scene, si, bsdf, source, z, joined)
-
-        # ------------------- Loop variables and stopping criterion -------------------
-
-        path.leave(si, sample.wo, sample.pdf, weight, sample.eta, is_delta(sample))
-        factor, alive = path.roulette(rr_depth, rng.next_float32())
-        path.β *= factor
-        path.active = goes & alive
-        path.depth += 1
-    return L
-
-
-def _ray_densities(path, si, connections):
-    """Lanes that light rays could have found, if the vertex before was connected to them, and their density by area."""
-    both = (path.depth <= connections) & ~path.prev_delta
-    return both, path.prev_pdf * dr.abs(dr.dot(si.n, path.ray.d)) / dr.square(si.t)
-
-
-def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, connections, see_through):
-    """Sample the light at the query point, and the direction in which the path leaves.
-
-    Returns radiance, the end of the light ray (None without), and the path.
-    """
-    bsdf, (lobe, direction, light) = si.bsdf(), first
-    L, z, stopped = mi.Spectrum(0), None, mi.Float(1) if see_through else coverage(si, bsdf)
-    if include_direct or source.first_hit:
-        L += _direct(scene, si, bsdf, source, rng, stopped, include_direct)
-    if source.emits and connections > 0:
-        z = first_stop(scene, source.panes, source.emit(light), rng)
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), stopped)
-    # Lobes come in the order covered, seen through.
-    sample, β = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, direction)
-    path = PathState()
-    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), β, mi.Float(sample.eta), is_delta(sample))
-    path.depth, path.active = mi.UInt32(1), dr.max(path.β) != 0
-    return L, z, path
-
-
-def _next_vertex(scene, si, bsdf, source, rng, active, rays):
-    """Sample the source at a later vertex, and the direction in which the path continues.
-
-    ``rays``: lanes that light rays could have found, and their density per area by the BSDF; None without light rays.
-
-    Returns radiance (without the throughput up to here), the BSDF sample and its weight.
-    """
-    smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    light = sample_light(scene, si, source, next_2d(rng), smooth)
-    value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, si.to_local(light.direction), rng.next_float32(), next_2d(rng), active
-    )
-    mis = light.mis(pdf)
-    if rays is not None:
-        both, by_bsdf = rays
-        stops = light.chance if source.panes is None else light.chance * (1 - source.panes.passes(si, active)[1])
-        mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si) * stops), 1)
-    return dr.select(light.seen, mis * value * light.weight, 0), sample, weight
-
-
-def _light_density(source, si) -> mi.Float:
-    """Compute the density per area at which light rays meet the surface at ``si``."""
-    offset = source.position - si.p
-    distance2 = dr.squared_norm(offset)
-    return dr.inv_four_pi * dr.abs(dr.dot(si.n, offset)) * dr.rsqrt(distance2) / distance2
-
-
-def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
-    """Connect ``si`` to the light vertex ``z``, with the MIS weight against BSDF sampling, which could find z too."""
-    ctx = mi.BSDFContext()
-    z, T, chance = z
-    offset = z.p - si.p
-    distance2 = dr.squared_norm(offset)
-    direction = offset * dr.rsqrt(distance2)
-    z = mi.SurfaceInteraction3f(z)
-    to_light = dr.normalize(source.position - z.p)
-    z.wi = z.to_local(-direction)
-    cosine = dr.abs(dr.dot(z.n, direction))
-    density = _light_density(source, z) * chance
-    active &= z.is_valid() & (distance2 > 0) & (cosine > 0) & (density > 0)
-    active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
-    value, pdf = (v / stopped for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
-    reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
-    mis = power_heuristic(density, pdf * cosine / distance2)
-    return dr.select(active, mis * value * reflected * T * cosine / (distance2 * density), 0)
-
-
-def _direct(scene, si, bsdf, source, rng, stopped, whole) -> mi.Spectrum:
-    """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight; all of it, or no sun."""
-    light = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
-    value, pdf = (v / stopped for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen))
-    return dr.select(light.seen & (mi.Bool(whole) | ~light.delta), light.mis(pdf) * value * light.weight, 0)
 
 
 def indirect(

@@ -24,9 +24,10 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable
 from lightwell.transport.collect import collect
+from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.queries import frames
-from lightwell.transport.radiance import MAX_DEPTH, RR_DEPTH, PathReport
+from lightwell.transport.radiance import PathReport
 from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.surface import SurfaceDraw

@@ -9,8 +9,8 @@ import pytest
 
 from lightwell.backend import mi
 from lightwell.scenes.variables import PointLight, Sun
-from lightwell.transport import radiance
 from lightwell.transport.interactions import interaction
+from lightwell.transport.paths import CONNECTIONS
 from lightwell.transport.radiance import direct, indirect, static
 from lightwell.transport.reference import indirect_reference
 from lightwell.transport.surface import sample_surface
@@ -76,7 +76,7 @@ def test_light_rays_find_the_spot_that_a_light_near_a_wall_makes(cornell, roamin
     points = sample_surface(cornell, 512, 13)
     near_a_wall = (-0.85, 1.0, 0.0)
     variance = []
-    for connections in (0, radiance.CONNECTIONS):
+    for connections in (0, CONNECTIONS):
         a, b = indirect(cornell, points, near_a_wall, roaming, 64, 9, connections=connections)
         variance.append(np.mean(np.square(a - b)))
     # A factor of 3.5 was measured.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lightwell.scenes.variables import Sun
-from lightwell.transport import radiance
+from lightwell.transport import paths, radiance
 from lightwell.transport.interactions import interaction
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import PathReport, direct, indirect, static
@@ -30,7 +30,7 @@ def test_furnace(albedo):
 
 def test_furnace_default_depth_is_deep_enough():
     # What longer paths than the default hold in a closed room of albedo 0.8, relative: ρ^30 = 0.12 %.
-    assert 0.8 ** (radiance.MAX_DEPTH - 2) < 2e-3
+    assert 0.8 ** (paths.MAX_DEPTH - 2) < 2e-3
 
 
 def test_lit_plane(roaming):
