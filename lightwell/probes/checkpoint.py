@@ -25,7 +25,7 @@ from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
-VERSION = 3
+VERSION = 4
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
 _ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
 

@@ -1,9 +1,9 @@
 """Mixing factors of K bases, evaluated once per frame.
 
-Bases are singular vectors of the light in some states of all variables together, or those states themselves where they
-are few. Their factors are interpolated between the states: by a spline where a declared light is one of the variables
-(``SplineMix``), else by the dimmers of lamps and hat functions of poses (``StateMix``). A field of probes alone learns
-them from samples at surfaces, by a network (``WeightCode``).
+Bases express the light in some states of all variables together (``low_rank``), or are those states themselves where
+they are few. Their factors are interpolated between the states: by a spline where a declared light is one of the
+variables (``SplineMix``), else by the dimmers of lamps and hat functions of poses (``StateMix``). The field ``volume``
+learns them from samples at surfaces, by a network (``WeightCode``).
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
 from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
 from lightwell.probes.solve import Solution, SolveRows, solve
-from lightwell.probes.states import Lights, states_of
+from lightwell.probes.state_light import light_of_states
+from lightwell.probes.states import Lights
 from lightwell.probes.support import touched
-from lightwell.probes.trace import air_light
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.probes.weights import Fit
 from lightwell.scenes.scene import Scene
@@ -74,11 +74,9 @@ def traced(
     sampling: ProbeSampling,
     seed: int,
     variable: Variable | None = None,
-    light: np.ndarray | None = None,
-    calls: int = 1,
-    emitters: tuple[int, ...] = (),
+    lights: Lights = None,
 ) -> np.ndarray:
-    """Path trace the light at some probes.
+    """Trace the light at some probes.
 
     Args:
         scene: The scene.
@@ -88,23 +86,20 @@ def traced(
         seed: Seed of the paths.
         variable: Declared light of 1 cd (1 lx), of which only the indirect light is traced; None for the scene's own
             emitters.
-        light: [3] position (or direction) of the declared light.
-        calls: Calls with the same probes, this one included.
-        emitters: Emitters of the scene's own that shine; empty: all of them.
+        lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
 
     Returns:
-        [P + F, 9, 3] irradiance harmonics; 0 for other probes and for those without a point in air.
+        [P + F, 9, 3] irradiance harmonics, or [S, P + F, 9, 3] of S states; 0 for other probes and for those without a
+        point in air.
     """
     place, number = origins(geometry)
     alive = np.concatenate([level.support.alive[level.nodes] for level in geometry.levels])
-    out = np.zeros((len(place), 9, 3), np.float32)
+    out = np.zeros((1 if lights is None else len(lights), len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
     if len(probes):
-        more = dict(variable=variable, light=light, numbers=number[probes], direct=sampling.direct)
-        more |= dict(emitters=emitters, calls=calls)
-        found = air_light(scene, place[probes], sampling.probe_paths, seed, **more)
-        out[probes] = found.sh
-    return out
+        more = (number[probes], sampling.direct, variable, lights)
+        out[:, probes] = light_of_states(scene, place[probes], sampling.probe_paths, seed, *more).mean(axis=0)
+    return out[0] if lights is None else out
 
 
 def light_volume(
@@ -133,23 +128,13 @@ def light_volume(
     probes, first = np.flatnonzero(geometry.volume.alive), 0
     if coarse is not None:
         probes, first = probes[probes >= len(geometry.volume.lattice)], 1
-    start = _traced_states(scene, geometry, probes, sampling, seed, variable, lights)
+    start = traced(scene, geometry, probes, sampling, seed, variable, lights)
     samples, number = rows(scene, geometry, sampling, _sample_seed(seed, lights), variable, lights, first=first)
     if coarse is not None:
         start[..., : len(geometry.volume.lattice), :, :] = coarse.start
         samples, number = joined(coarse.samples, samples), np.concatenate([coarse.number, number])
     solution = solve(geometry.volume, samples, start)
     return SolvedVolume(geometry, start, samples, number, solution, sampling, seed, lights)
-
-
-def _traced_states(scene, geometry, probes, sampling, seed, variable, lights) -> np.ndarray:
-    """Traced light [P + F, 9, 3], or [S, P + F, 9, 3] for S states."""
-    states = states_of(scene, variable, lights)
-    found = [
-        traced(s.scene, geometry, probes, sampling, seed + k, s.variable, s.light, len(states) - k, s.emitters)
-        for k, s in enumerate(states)
-    ]
-    return found[0] if lights is None else np.stack(found)
 
 
 def _sample_seed(seed: int, lights: Lights) -> int:
@@ -216,7 +201,7 @@ def relit(
     """
     geometry, again = rebake(scene, before.geometry, box, fit)
     start, lights = before.start.copy(), before.lights
-    traced_now = _traced_states(scene, geometry, again, before.sampling, before.seed, variable, lights)
+    traced_now = traced(scene, geometry, again, before.sampling, before.seed, variable, lights)
     start[..., again, :, :] = traced_now[..., again, :, :]
     fresh, number = rows(scene, geometry, before.sampling, _sample_seed(before.seed, lights), variable, lights, box)
     samples, numbers = _merged(before, fresh, number, box)

@@ -15,9 +15,9 @@ import numpy as np
 
 from lightwell.probes.bake import Geometry
 from lightwell.probes.solve import SolveRows, relative_error
-from lightwell.probes.states import Lights, states_of
+from lightwell.probes.state_light import light_of_states
+from lightwell.probes.states import Lights
 from lightwell.probes.support import touched
-from lightwell.probes.trace import air_light
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable
 
@@ -162,12 +162,8 @@ def joined(a: SolveRows, b: SolveRows) -> SolveRows:
 
 
 def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndarray:
-    """[2, S, I, 9, 3] float64 harmonics from each half of the paths."""
-    found, states = [], states_of(scene, variable, lights)
-    for k, s in enumerate(states):
-        more = {"numbers": number, "direct": direct, "emitters": s.emitters, "calls": len(states) - k}
-        found.append(air_light(s.scene, at, paths, seed + k, variable=s.variable, light=s.light, **more))
-    return np.stack([[f.half_a for f in found], [f.half_b for f in found]]).astype(np.float64)
+    """[2, S, I, 9, 3] harmonics from each half of the paths."""
+    return light_of_states(scene, at, paths, seed, number, direct, variable, lights)
 
 
 def _noise(halves: np.ndarray) -> np.ndarray:

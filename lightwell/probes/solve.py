@@ -9,6 +9,7 @@ included), S states of a declared light.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,43 +136,48 @@ def solve(
     a = a[np.flatnonzero(good)]
     states = rows.light.ndim == 4
     goal, start = (rows.light, traced) if states else (rows.light[None], traced[None])
-    goal = goal[:, good].astype(np.float64)
     live = np.flatnonzero(volume.alive if free is None else volume.alive & free)
     columns = a[:, live].tocsc()
     fixed = np.zeros((columns.shape[0], 27 * len(start)))
     if free is not None:
         before = (held if states else held[None]).astype(np.float64)
         fixed = a[:, np.flatnonzero(~free)] @ np.moveaxis(before[:, ~free], 0, 1).reshape(int((~free).sum()), -1)
-    prior = np.moveaxis(start[:, live].astype(np.float64), 0, 1).reshape(len(live), -1)
-    right = np.moveaxis(goal, 0, 1).reshape(columns.shape[0], -1) - fixed
-    best, residual, errors = _reweighted(columns, right, prior, fixed, goal, passes)
+    state = lambda x, k: x[k][live].reshape(len(live), 27).astype(np.float64)  # noqa: E731
+    aim = lambda k: goal[k, good].reshape(columns.shape[0], 27) - fixed[:, 27 * k : 27 * k + 27]  # noqa: E731
+    mean = goal.mean(axis=0, dtype=np.float64)[good]
+    middle = fixed.reshape(len(fixed), len(start), 27).mean(axis=1)
+    omega, residual, errors = _reweighted(
+        columns, mean, state(start.mean(axis=0, dtype=np.float64)[None], 0), middle, passes
+    )
+    ties = _ties(columns)
+    solve_for = (lambda right, prior: prior) if omega is None else _weighted(columns, omega, ties)
     light = np.zeros((len(start), len(volume.state), 9, 3), np.float32)
     if free is not None:
         light[:, ~free] = before[:, ~free]
-    light[:, live] = np.moveaxis(best.reshape(len(live), len(start), 9, 3), 1, 0)
+    for k in range(len(start)):
+        light[k, live] = solve_for(aim(k), state(start, k)).reshape(-1, 9, 3)
     every = np.ones(len(good))
     every[good] = residual
     return Solution(light if states else light[0], ~good, tuple(errors), every)
 
 
 def _reweighted(
-    columns: csc_matrix, right: np.ndarray, prior: np.ndarray, fixed: np.ndarray, goal: np.ndarray, passes: int
-) -> tuple[np.ndarray, np.ndarray, list[float]]:
-    """Iteratively reweighted solves for [P', 27 S] light: best pass, its residuals [I], errors of all passes."""
-    states, measure, ties = len(goal), Measure(goal.mean(axis=0)), _ties(columns)
-    mean_of = lambda x: x.reshape(len(x), states, 9, 3).mean(axis=1).reshape(len(x), 27)  # noqa: E731
-    predict = lambda x: columns @ mean_of(x) + mean_of(fixed)  # noqa: E731
+    columns: csc_matrix, goal: np.ndarray, prior: np.ndarray, fixed: np.ndarray, passes: int
+) -> tuple[np.ndarray | None, np.ndarray, list[float]]:
+    """Iteratively reweighted solves for the mean [I, 9, 3] of all states: ω of the best pass (None: the traced light is
+    better than all), its residuals [I], errors of all passes."""
+    measure, ties = Measure(goal), _ties(columns)
+    right = goal.reshape(len(goal), 27) - fixed
     # Start at the traced light: a first pass without weights would move away from a good solution.
-    predicted = predict(prior)
+    predicted = columns @ prior + fixed
     omega, residual = measure.omega(predicted), measure.residual(predicted)
-    best, errors = prior, [float(residual.mean())]
+    best, errors = None, [float(residual.mean())]
     for _ in range(passes):
-        found = _weighted(columns, omega, right, prior, ties)
-        predicted = predict(found)
+        predicted = columns @ _weighted(columns, omega, ties)(right, prior) + fixed
         errors.append(float(measure.residual(predicted).mean()))
         # Reweighting does not guarantee descent, so the best pass is kept.
         if errors[-1] <= min(errors):
-            best, residual = found, measure.residual(predicted)
+            best, residual = omega, measure.residual(predicted)
         omega = measure.omega(predicted)
     return best, residual, errors
 
@@ -225,9 +231,9 @@ def _ties(columns: csc_matrix) -> csc_matrix:
 
 
 def _weighted(
-    columns: csc_matrix, omega: np.ndarray, right: np.ndarray, prior: np.ndarray, ties: csc_matrix
-) -> np.ndarray:
-    """[P', 27 S] minimiser for given ω."""
+    columns: csc_matrix, omega: np.ndarray, ties: csc_matrix
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """(right [I, 27], traced light [P', 27]) -> [P', 27] minimiser for given ω."""
     omega = omega / max(float(omega.mean()), 1e-30)
     weighted = diags(omega) @ columns
     gram = (columns.T @ weighted).tocsc()
@@ -238,5 +244,5 @@ def _weighted(
     root = np.sqrt(diagonal + floor)
     joint = TO_NEIGHBOUR * (diags(root) @ ties @ diags(root))
     laplace = diags(np.asarray(joint.sum(axis=1)).ravel()) - joint
-    system = (gram + diags(pull) + laplace).tocsc()
-    return splu(system).solve(weighted.T @ right + pull[:, None] * prior)
+    factors = splu((gram + diags(pull) + laplace).tocsc())
+    return lambda right, prior: factors.solve(weighted.T @ right + pull[:, None] * prior)

@@ -78,6 +78,22 @@ class SplineMix:
         found = np.linalg.lstsq(system, wanted, rcond=1e-9)[0].T
         return SplineMix((x, y, z), half, at, found[:, :count], found[:, count:-1], found[:, -1], level)
 
+    def gives(self, bases: int, states: int) -> bool:
+        """Check a spline of one light that was read from a file.
+
+        Args:
+            bases: K that is expected.
+            states: S that is expected.
+
+        Returns:
+            Whether all numbers are finite and of these sizes.
+        """
+        rows = bases + (self.level is not None)
+        sizes = (self.at.shape, self.weights.shape, self.slope.shape, self.offset.shape)
+        numbers = (*self.center, self.half, self.level or 0.0)
+        finite = all(np.isfinite(v).all() for v in (self.at, self.weights, self.slope, self.offset, numbers))
+        return sizes == ((states, 3), (rows, states), (rows, 3), (rows,)) and finite and 0 < self.half < 1e9
+
     @property
     def inputs(self) -> dict[str, int]:
         """Inputs of a graph that the factors depend on, and their widths."""

@@ -51,5 +51,6 @@ TASKS = {
     "radiosity": RowTask("lightwell.transport.radiosity:radiosity_rows"),
     "irradiance": RowTask("lightwell.transport.irradiance:irradiance_rows"),
     "air-light": RowTask("lightwell.probes.trace:air_light_rows"),
+    "air-ends": RowTask("lightwell.probes.gathered:air_end_rows"),
     "picture": RowTask("lightwell.transport.camera:picture_rows"),
 }

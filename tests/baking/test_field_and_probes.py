@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,28 +16,34 @@ from lightwell.asset.read import read_light
 from lightwell.asset.validate import validate_file
 from lightwell.baking.pipeline import bake
 from lightwell.engines.bake import read_bake
+from lightwell.fields.budget import Budget
 from lightwell.fields.field_and_probes import light as probe_light
-from lightwell.fields.field_and_probes import plan
-from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
+from lightwell.fields.probes import plan
+from lightwell.fields.probes.field import planned, with_few_samples
+from lightwell.fields.probes.plan import ProbePlan, probe_plan
+from lightwell.fields.protocol import Job, State
 from lightwell.fields.registry import find_field
+from lightwell.fields.request import Request
 from lightwell.graph import evaluate
 from lightwell.probes.bake import bake_geometry
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
 from lightwell.scenes.posing import declared_movers, posed, with_movers
-from lightwell.scenes.variables import from_json
+from lightwell.scenes.turning import Turning
+from lightwell.scenes.variables import declare, from_json
 from tests.baking.conftest import small
 from tests.baking.test_lamps_bake import room
 
 FEW = ProbeSampling(4, 32, 64, most=1)
+GATHER = {"sampling": FEW, "gathered_sampling": FEW, "bricks": 0.0}
 
 
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
     """(scene, folder, report) of a room with two lamps that have switches, and a light that roams."""
     folder = tmp_path_factory.mktemp("both")
-    tiny = replace(probe_light.PRESETS["draft"], states=6, rank=3, sampling=FEW, static_sampling=FEW, bricks=0.0)
+    tiny = replace(probe_light.PRESETS["draft"], places=6, rank=3, static_sampling=FEW, **GATHER)
     path = room(folder / "room.glb")
     settings = small(
         folder / "out",
@@ -141,13 +148,54 @@ def test_a_plan_scales_paths_and_keeps_them_even():
 
 def test_a_plan_fits_into_the_paths_that_there_is_time_for(tmp_path):
     preset, scene = probe_light.PRESETS["default"], load(str(room(tmp_path / "room.glb")))
-    geometry, wanted = bake_geometry(scene, 1.0, preset.function), {"indirect": 48, "static": 2}
-    few, some, many = (plan.counts_within(geometry, preset, 1.0, wanted, paths) for paths in (1e3, 1e6, 1e12))
+    geometry = bake_geometry(scene, 1.0, preset.function)
+    turning = Turning(0.0, 360.0)
+    variables = {"indirect": turning, "static": None}
+    wanted = {"indirect": 48, "static": 2}
+    counts = partial(plan.counts_within, geometry, preset, 1.0)
+    few, some, many = (counts(variables, wanted, paths) for paths in (1e3, 1e6, 1e12))
     assert few.states == {"indirect": 12, "static": 2} and 0 < few.paths < some.paths < 1 and not few.bricks
     assert many == ProbePlan(1.0, wanted, 1.0, True)
     # Further lights have states of their own.
-    two = plan.counts_within(geometry, preset, 1.0, {"indirect": 48, "indirect-day": 48}, 1e3)
+    two = counts({"indirect": turning, "indirect-day": turning}, {"indirect": 48, "indirect-day": 48}, 1e3)
     assert two.states == {"indirect": 12, "indirect-day": 12}
+
+
+def test_places_of_a_light_cost_little_beside_the_rays_that_they_share(tmp_path):
+    preset, scene = probe_light.PRESETS["default"], load(str(room(tmp_path / "room.glb")))
+    geometry, variables = bake_geometry(scene, 1.0, preset.function), {"indirect": declare((), scene)}
+    one, many = (plan.counts_within(geometry, preset, 1.0, variables, {"indirect": n}, 1e4) for n in (1, 160))
+    # None of them is left out where the time is short: they are traced with fewer rays.
+    assert many.states == {"indirect": 160} and one.paths / 3 < many.paths < one.paths
+    found = many.applied(preset, "indirect")
+    assert found.places == 160 and found.gathered_sampling.paths < preset.gathered_sampling.paths
+    assert found.bricks == 0
+
+
+def test_probes_alone_are_planned_by_the_budget():
+    scene, part = load("cornell"), SimpleNamespace(get=lambda name, make, form: make())
+    request = SimpleNamespace(preset="default", steps=None, shards=None, seed=0, budget=SimpleNamespace(seconds=None))
+    work, options = SimpleNamespace(part=lambda **_: part), SimpleNamespace(spacing=1.0)
+    job, of_role = SimpleNamespace(request=request, options=options, work=work), SimpleNamespace()
+    of_role.variable = declare((), scene)
+    state = SimpleNamespace(job=job, scene=scene, roles=("indirect",), for_role=lambda role: of_role)
+    whole, spacing = planned(state, "indirect")  # type: ignore[arg-type]
+    assert spacing == 1.0 and whole.gathered_sampling == probe_light.PRESETS["default"].gathered_sampling
+    # Less than the rays of the preset take.
+    request.budget.seconds = 0.02
+    few, _ = planned(state, "indirect")  # type: ignore[arg-type]
+    assert few.gathered_sampling.paths < whole.gathered_sampling.paths and few.bricks == 0
+
+
+def test_probes_alone_trace_few_samples_where_a_time_is_given():
+    def state_of(**changes) -> State:
+        request = Request(budget=Budget(60.0), **changes)
+        return State(Job(None, request, None, None, None), None, None, ("indirect",))  # type: ignore[arg-type]
+
+    assert with_few_samples(state_of(vary=("day=2026-06-21,48.1,11.6",), north=180.0)).job.request.shards == 1
+    for fixed in ({"shards": 3}, {"steps": 9}):
+        state = state_of(**fixed)
+        assert with_few_samples(state) is state
 
 
 def test_probes_are_farther_apart_where_their_weights_take_too_long():
@@ -166,13 +214,13 @@ def test_fixed_counts_and_goals_need_no_plan():
     request = SimpleNamespace(steps=1, shards=1, budget=SimpleNamespace(seconds=60.0))
     job = SimpleNamespace(request=request, options=SimpleNamespace(spacing=None))
     preset = probe_light.PRESETS["default"]
-    found = probe_plan(job, None, preset, 0.5, {"static": 1}, None)  # type: ignore[arg-type]
+    found = probe_plan(job, None, preset, 0.5, {"static": None}, {"static": 1}, None)  # type: ignore[arg-type]
     assert found == ProbePlan(0.5, {"static": 1}, 1.0, True)
 
 
 def tiny_bake(folder: Path, spacing: str = "1m", **changes) -> dict:
     """Bake with few probes and twelve states of a light."""
-    tiny = replace(probe_light.PRESETS["draft"], states=12, rank=3, sampling=FEW, static_sampling=FEW, bricks=0.0)
+    tiny = replace(probe_light.PRESETS["draft"], states=12, places=12, rank=3, static_sampling=FEW, **GATHER)
     few = {"shards": 1, "steps": 40, "lights_per_shard": 8, "views": 1, "quality": "draft"} | changes
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(probe_light, "preset_of", lambda quality: ("draft", tiny))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lightwell.probes.gathered import air_ends
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
 from lightwell.scenes.default_light import with_lamp
@@ -84,10 +85,15 @@ def bins(scene, variable, points, lights):
     return [rows.bin, rows.weight]
 
 
+def ends(scene, variable, points, lights):
+    found = air_ends(scene, variable, lights, 8, 3, np.arange(len(lights)))
+    return [found.bin, found.weight, found.way]
+
+
 @pytest.mark.parametrize(
     "trace, tasks",
     [(radiance, {"radiance"}), (texels, {"irradiance"}), (picture, {"picture"}), (air, {"air-light"}),
-     (bins, {"radiosity"})],
+     (bins, {"radiosity"}), (ends, {"air-ends"})],
 )  # fmt: skip
 def test_parts_have_the_bytes_of_the_whole(room, trace, tasks):
     scene, *rest = room

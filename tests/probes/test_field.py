@@ -26,12 +26,11 @@ from lightwell.scenes.variables import declare
 
 TINY = replace(
     PRESETS["draft"],
-    states=6,
+    places=6,
     rank=3,
-    sampling=ProbeSampling(4, 16, 16),
+    gathered_sampling=ProbeSampling(4, 64, 64),
     static_sampling=ProbeSampling(4, 16, 16),
     bricks=0.5,
-    hidden=(8,),
 )
 
 
@@ -160,7 +159,7 @@ def test_an_edit_of_nothing_keeps_every_byte(moving, tmp_path):
 def test_an_edit_changes_what_it_touches_alone():
     scene, shut = two_rooms(0.05, door=True).scene, two_rooms(0.05, door=True, shut=True).scene
     variable = declare(("light.position=box(-2,0.5,0.5,-1,2,2.5)",), scene)
-    first = tiny_fit(scene, variable, replace(TINY, states=3, rank=2))
+    first = tiny_fit(scene, variable, replace(TINY, places=4, rank=2))
     box = np.array([[-0.03, 0, 0.95], [0.03, 2.05, 1.95]])
     after, again = first.baked.rebaked(shut, variable, box, None)
     basis, was = after.basis, first.baked.basis
@@ -187,7 +186,7 @@ def test_states_of_strangers_are_refused(moving):
         "start": good["start"][:, :-1],
         "rows.cell": good["rows.cell"] + 10**6,
         "more.mix": good["more.mix"][:-1],
-        "more.w0": good["more.w0"][:, :-1],
+        "more.spline.weights": good["more.spline.weights"][:, :-1],
         "head": np.frombuffer(json.dumps(head | {"function": "wavelet"}).encode(), np.uint8),
         "number": None,
     }

@@ -6,9 +6,9 @@ expressed by at most 16 bases, and what the bases are multiplied by is computed 
 ========  ===============================  ==============================================  ==================
 role      states                           bases                                           factors
 ========  ===============================  ==============================================  ==================
-indirect  places of the light, each in a   leading singular vectors                        spline in the
+indirect  places of the light, each in a   bases of least relative error                   spline in the
           pose of what moves                                                               place and the pose
-static    every group of lamps in every    states, or their leading singular vectors       dimmers times hat
+static    every group of lamps in every    states, or bases of least relative error        dimmers times hat
           pose of a grid                   where there are more than 16                    functions of poses
 ========  ===============================  ==============================================  ==================
 
@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.field_and_probes.plan import ProbePlan, probe_plan
-from lightwell.fields.probes.baked import mixed, singular_mix
-from lightwell.fields.probes.fit import PRESETS, ProbesPreset, Solved, fit_of, pose_rows, solved, weights_of
+from lightwell.fields.probes.fit import PRESETS, ProbesPreset, Solved, fit_of, pose_rows, solved, spline_of, weights_of
+from lightwell.fields.probes.plan import ProbePlan, probe_plan
 from lightwell.fields.protocol import Role, State
 from lightwell.fields.surface.posed_lamp_samples import lamps_in
 from lightwell.graph import Graph
@@ -35,8 +34,8 @@ from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
 from lightwell.probes.light import SolvedVolume, light_volume, refined
+from lightwell.probes.low_rank import LowRank
 from lightwell.probes.lower import lower
-from lightwell.probes.spline import SplineMix
 from lightwell.probes.states import JointStates
 from lightwell.probes.volume import ProbeVolume
 from lightwell.scenes.posing import posed
@@ -175,10 +174,13 @@ class ProbeLight:
         state = self._state
         setup = FieldSetup.of(state.scene, 1.0, "static")
         spacing = state.job.options.spacing or 2 * setup.half_extent / self._preset.along
-        moving = self._preset.states * (STATES_BESIDE if state.scene.movers else 1)
-        wanted = {role: self._own_count if role == "static" else moving for role in state.roles}
+        times = STATES_BESIDE if state.scene.movers else 1
+        variables = {role: None if role == "static" else state.for_role(role).variable for role in state.roles}
+        wanted = {
+            role: self._own_count if v is None else times * self._preset.states_of(v) for role, v in variables.items()
+        }
         geometry = partial(weights_of, setup, self._preset)
-        return probe_plan(state.job, state.scene, self._preset, spacing, wanted, geometry)
+        return probe_plan(state.job, state.scene, self._preset, spacing, variables, wanted, geometry)
 
     @property
     def _own_count(self) -> int:
@@ -200,10 +202,9 @@ class ProbeLight:
         return FieldSetup.of(state.scene, 1.0, state.variable.kind, state.variable)
 
     def _moving_preset(self, role: Role) -> ProbesPreset:
-        plan, preset = self.plan, self._preset
-        sampling, bricks = plan.sampling(preset.sampling), preset.bricks if plan.bricks else 0.0
+        preset = self._preset
         rank = min(preset.rank * BASES_BESIDE, MOST_BASES) if self._poses else preset.rank
-        return replace(preset, sampling=sampling, bricks=bricks, states=plan.states[role], rank=rank)
+        return replace(self.plan.applied(preset, role), rank=rank)
 
     def _moving(self, role: Role) -> Solved:
         """Light of all states of a declared light, factors of the bases, and errors in the air."""
@@ -211,17 +212,12 @@ class ProbeLight:
         return solved(self._setup(role), self._moving_preset(role), seed, self.plan.spacing, self._poses)
 
     def _moving_probes(self, role: Role, unit: float) -> RoleProbes:
-        lit, mix, score = self._moving(role)
-        variable, poses = self._state.for_role(role).variable, self._poses
-        assert variable is not None
-        lights = lit.lights.lights if isinstance(lit.lights, JointStates) else lit.lights
-        assert lights is not None
-        seed, live = self._state.job.request.seed, np.flatnonzero(lit.geometry.volume.alive)
-        bases = mixed(lit.solution.light, mix)
-        factors = factors_of(lit.solution.light, bases, live)
-        rows = np.zeros((len(lights), 0)) if poses is None else pose_rows(len(lights), poses, seed)
-        point = variable.kind == "point"
-        mixing = SplineMix.of(lights, rows, factors, directions=not point, levels=point)
+        lit, low, score = self._moving(role)
+        assert low is not None
+        poses, seed, live = self._poses, self._state.job.request.seed, np.flatnonzero(lit.geometry.volume.alive)
+        bases, factors = low.bases(lit.solution.light), low.factors
+        rows = None if poses is None else pose_rows(len(factors), poses, seed)
+        mixing = spline_of(self._setup(role), lit, low, rows)
         lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
@@ -284,24 +280,8 @@ def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray
     """
     if len(states) <= most:
         return np.moveaxis(states, 0, -1), np.eye(len(states))
-    bases = mixed(states, singular_mix(states, live, most))
-    return bases, factors_of(states, bases, live)
-
-
-def factors_of(states: np.ndarray, bases: np.ndarray, live: np.ndarray) -> np.ndarray:
-    """Compute the factors with which bases give states best, in least squares.
-
-    Args:
-        states: [S, P, 9, 3] light of the states.
-        bases: [P, 9, 3, K] bases.
-        live: [L] indices of the probes that count.
-
-    Returns:
-        [S, K] factors.
-    """
-    rows = bases[live].reshape(-1, bases.shape[-1]).astype(np.float64)
-    wanted = states[:, live].reshape(len(states), -1).astype(np.float64)
-    return np.linalg.lstsq(rows, wanted.T, rcond=None)[0].T
+    low = LowRank.of(states, live, most)
+    return low.bases(states), low.factors
 
 
 def error_of_bases(states: np.ndarray, bases: np.ndarray, mix: np.ndarray) -> float:

@@ -1,4 +1,4 @@
-"""Baked probes: light under some states of the variable light, reduced to bases, and the network that mixes the bases.
+"""Baked probes: light under some states of the variable light, reduced to bases, and the spline that mixes the bases.
 
 The shading graph, the files, the page, and the state of an incremental bake are written from this.
 Notation: P nodes, F fine probes, S states, K bases.
@@ -17,15 +17,15 @@ from lightwell.core.keys import Key, key
 from lightwell.core.store import Store
 from lightwell.fields.protocol import ExtraFile, Shown
 from lightwell.files import Arrays, write_atomically
-from lightwell.graph import Graph, evaluate
-from lightwell.graph.builder import Builder
+from lightwell.graph import Graph
 from lightwell.probes import ddgi
 from lightwell.probes.checkpoint import VERSION, state_arrays, state_of
-from lightwell.probes.code import WeightCode
 from lightwell.probes.file import encode_volume
 from lightwell.probes.light import SolvedVolume, relit
+from lightwell.probes.low_rank import LowRank
 from lightwell.probes.lower import lower
 from lightwell.probes.page import write_page
+from lightwell.probes.spline import SplineMix
 from lightwell.probes.volume import ProbeVolume
 from lightwell.probes.weights import Fit
 from lightwell.scenes.scene import Scene
@@ -33,6 +33,8 @@ from lightwell.scenes.variables import Variable
 
 # Lattices with more nodes than this have no baselines in their page: a kilobyte a node.
 MOST_COMPARED = 4096
+# Arrays of a spline.
+SPLINE = ("at", "weights", "slope", "offset")
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,10 @@ class BakedProbes:
     """Baked probes; see the module."""
 
     lit: SolvedVolume
-    mix: np.ndarray
-    """[S, K] float64: basis k is the sum of the states times column k; [1, 1] for the scene's own light."""
-    code: WeightCode | None
-    """Network from the light's position to K factors; None: the scene's own light."""
+    rank: LowRank | None
+    """Factors of the bases in the states; None: the scene's own light."""
+    code: SplineMix | None
+    """K factors by the light's position; None: the scene's own light."""
     unit: float
     """Radiance unit S of the shading graph."""
     preset: str
@@ -56,10 +58,14 @@ class BakedProbes:
         Returns:
             [P + F, 9, 3, K] float32 spherical harmonics.
         """
-        return mixed(self.lit.solution.light, self.mix)
+        return self._bases(self.lit.solution.light)
+
+    def _bases(self, states: np.ndarray) -> np.ndarray:
+        """[P + F, 9, 3, K] bases of light."""
+        return states[..., None] if self.rank is None else self.rank.bases(states)
 
     def lower(self) -> Graph:
-        """Return the shading graph; the network of the light is evaluated once per frame.
+        """Return the shading graph; the factors are computed once per frame.
 
         Returns:
             The graph.
@@ -77,9 +83,7 @@ class BakedProbes:
         """
         if self.code is None:
             return np.ones(1)
-        b = Builder(light=3)
-        graph = b.build(code=self.code.node(b))
-        return evaluate(graph, {"light": np.asarray(light, np.float32).reshape(1, 3)})["code"][0]
+        return self.code.factors(np.reshape(light, (1, 3)))[0]
 
     def volume(self, light: np.ndarray | None = None, intensity: np.ndarray | float = 1.0) -> ProbeVolume:
         """Compute the probe volume under a light.
@@ -120,7 +124,7 @@ class BakedProbes:
         plain, parts = encode_volume(lit, self.coding, unit=max(mean, 1e-20))
         data = plain
         if len(lit.lattice) <= MOST_COMPARED:
-            as_traced = self._under(mixed(self.lit.start, self.mix), shown.light, shown.intensity)
+            as_traced = self._under(self._bases(self.lit.start), shown.light, shown.intensity)
             support = self.lit.geometry.support
             moments = ddgi.bake_moments(scene, support, as_traced[: len(lit.lattice)], 0.0)
             data, _ = encode_volume(lit, self.coding, unit=max(mean, 1e-20), baselines=moments)
@@ -141,11 +145,12 @@ class BakedProbes:
             Arrays of any shape by name.
         """
         facts = {"preset": self.preset, "unit": self.unit, "coding": self.coding}
-        more = {"mix": self.mix, "light": np.float64(shown.light), "intensity": np.float64(shown.intensity)}
-        if self.code is not None:
-            facts |= {"center": list(self.code.center), "half": self.code.half, "layers": len(self.code.layers)}
-            for k, (w, b) in enumerate(self.code.layers):
-                more |= {f"w{k}": np.asarray(w), f"b{k}": np.asarray(b)}
+        more = {"light": np.float64(shown.light), "intensity": np.float64(shown.intensity)}
+        if self.code is not None and self.rank is not None:
+            more["mix"] = self.rank.factors
+            facts |= {"mean": self.rank.level}
+            facts |= {"center": list(self.code.center), "half": self.code.half, "level": self.code.level}
+            more |= {f"spline.{name}": np.asarray(getattr(self.code, name), np.float64) for name in SPLINE}
         return state_arrays(self.lit, facts, more)
 
     @staticmethod
@@ -164,14 +169,15 @@ class BakedProbes:
         lit, facts, more = state_of(arrays)
         try:
             states = 1 if lit.lights is None else len(lit.lights)
-            mix, code = np.asarray(more["mix"], np.float64), None
-            good = mix.ndim == 2 and len(mix) == states and 0 < mix.shape[1] <= 64 and bool(np.isfinite(mix).all())
+            rank, code, good = None, None, True
             if lit.lights is not None:
-                layers = [(more[f"w{k}"], more[f"b{k}"]) for k in range(int(facts["layers"]))]
-                code = WeightCode(tuple(float(c) for c in facts["center"]), float(facts["half"]), layers)
-                good &= _fits(code, mix.shape[1])
+                level = None if facts["level"] is None else float(facts["level"])
+                tables = {name: np.asarray(more[f"spline.{name}"], np.float64) for name in SPLINE}
+                code = SplineMix(tuple(float(c) for c in facts["center"]), float(facts["half"]), **tables, level=level)
+                rank = LowRank(np.asarray(more["mix"], np.float64), float(facts["mean"]))
+                good = rank.is_of(states) and code.gives(rank.factors.shape[1], states)
             shown = Shown(*(np.asarray(more[name], np.float64).reshape(3) for name in ("light", "intensity")))
-            made = BakedProbes(lit, mix, code, float(facts["unit"]), str(facts["preset"]), str(facts["coding"]))
+            made = BakedProbes(lit, rank, code, float(facts["unit"]), str(facts["preset"]), str(facts["coding"]))
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError("not the state of light probes") from error
         if not good or not 0 < made.unit < 1e30 or made.coding not in ("l2", "zh3"):
@@ -183,7 +189,7 @@ class BakedProbes:
     ) -> tuple[BakedProbes, np.ndarray]:
         """Solve again the probes that a change of the scene affects.
 
-        The bases are mixed as before: the network of the light stays as it is, and nothing is trained.
+        The bases are mixed as before, and nothing is trained.
 
         Args:
             scene: The changed scene.
@@ -210,24 +216,6 @@ def state_key(role: str) -> Key:
     return key("probes.state", VERSION, role=role)
 
 
-def mixed(light: np.ndarray, mix: np.ndarray) -> np.ndarray:
-    """Combine states to bases. Each probe and state is added separately, so that a probe's bytes depend on its light
-    alone.
-
-    Args:
-        light: [S, P, 9, 3] light of the states, or [P, 9, 3] of one state.
-        mix: [S, K] factors.
-
-    Returns:
-        [P, 9, 3, K] float32 bases.
-    """
-    states = light if light.ndim == 4 else light[None]
-    out = np.zeros((*states.shape[1:], mix.shape[1]))
-    for state, row in zip(states, mix):
-        out += state[..., None] * row
-    return out.astype(np.float32)
-
-
 def singular_mix(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
     """Compute the factors of the leading singular vectors, scaled so that the code of a state is about 1.
 
@@ -246,21 +234,6 @@ def singular_mix(states: np.ndarray, live: np.ndarray, rank: int) -> np.ndarray:
     u, s, _ = np.linalg.svd(matrix * share, full_matrices=False)
     k = min(rank, len(s))
     return u[:, :k] * share * float(np.median(size)) / np.sqrt(len(states))
-
-
-def _fits(code: WeightCode, rank: int) -> bool:
-    """Whether each layer takes what the one before gives, in finite numbers."""
-    width = code.width
-    for w, b in code.layers:
-        if (
-            w.ndim != 2
-            or w.shape[1] != width
-            or b.shape != (len(w),)
-            or not np.isfinite(w).all() & np.isfinite(b).all()
-        ):
-            return False
-        width = len(w)
-    return width == rank and 0 < code.half < 1e9 and len(code.layers) <= 16
 
 
 def _bytes_file(name: str, data: bytes) -> ExtraFile:

@@ -2,8 +2,8 @@
 light.
 
 The geometry (``lightwell.probes``) is independent of light. A variable light makes the probes relightable: the light of
-some states is solved, their singular vectors are the stored bases, and a small network of the light's position,
-evaluated once per frame, mixes them. It is trained on the same samples as every other field.
+some states is solved, a few bases express all of them (``lightwell.probes.low_rank``), and a spline of the light's
+position, evaluated once per frame, mixes these. Nothing is trained on samples.
 
 Notation: P nodes, S states, K bases, N samples.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from lightwell.core.store import Store
 from lightwell.fields.base import FieldSetup
-from lightwell.fields.probes.baked import BakedProbes, mixed, singular_mix
+from lightwell.fields.probes.baked import BakedProbes
 from lightwell.fields.probes.mixing import MixedFit
 from lightwell.fields.protocol import ExtraFile, Shown
 from lightwell.graph import Graph
@@ -27,9 +27,12 @@ from lightwell.networks import TrainingSettings
 from lightwell.probes import ddgi, sh
 from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
+from lightwell.probes.gathered import gathers
 from lightwell.probes.generator import fit_with
 from lightwell.probes.light import SolvedVolume, light_volume, refined
+from lightwell.probes.low_rank import LowRank
 from lightwell.probes.samples import ProbeSampling
+from lightwell.probes.spline import SplineMix
 from lightwell.probes.states import JointStates, Lights, states_of
 from lightwell.probes.volume import ProbeVolume, coefficients
 from lightwell.probes.weights import Fit
@@ -37,14 +40,16 @@ from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
+from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.samples import Query
 
 # Probes along the longest edge where no spacing is asked for.
 ALONG = 8
 # Rows whose harmonics are evaluated together.
 CHUNK = 1 << 14
-# Tracing settings for each light state, and for a fixed light; training settings of the light's network.
+# Tracing settings for each light state, for a fixed light, and for all states whose rays are shared; training settings.
 MOVING, STILL = ProbeSampling(24, 64, 256, most=4), ProbeSampling(32, 256, 1024, most=8)
+GATHERED = ProbeSampling(12, 256, 1024, most=4)
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
 # The seed of the light states is this far from that of the samples.
 STATE_SEED = 7919
@@ -53,7 +58,7 @@ POSE_ORDER = 0x905E
 
 
 GEOMETRY = Derived[Geometry]("probes.geometry", most=2)
-Solved = tuple[SolvedVolume, np.ndarray, dict[str, Any]]
+Solved = tuple[SolvedVolume, LowRank | None, dict[str, Any]]
 # One for each light that may vary in a bake.
 LIGHT = Derived[Solved]("probes.light", most=4)
 
@@ -65,10 +70,15 @@ class ProbesPreset:
     function: str = "relu-field"
     """Weight function, one of ``lightwell.probes.weights.FUNCTIONS``."""
     sampling: ProbeSampling = MOVING
+    """Of each state of a light that is path traced."""
+    gathered_sampling: ProbeSampling = GATHERED
+    """Of all states of a light that is gathered, together."""
     static_sampling: ProbeSampling = STILL
     states: int = 48
-    """Number of light states that are solved (S)."""
-    rank: int = 8
+    """Number of states that are solved of a light that moves along a line."""
+    places: int = 256
+    """Number of states that are solved of a light that moves in a box: all of them share their rays."""
+    rank: int = 16
     """Number of bases that are kept (K)."""
     generator: bool = False
     """Whether fits start from the generator: needed for a network per probe, not for the convex problem of a grid."""
@@ -77,16 +87,48 @@ class ProbesPreset:
     coding: str = "zh3"
     """Number format of the light in files: 'l2' or 'zh3'."""
     bricks: float = 1.0
-    """Fine probes per live probe of the lattice, at most; 0: no bricks."""
-    hidden: tuple[int, ...] = (48, 48)
-    """Widths of the network of the light's position."""
+    """Fine probes per live probe of the lattice, at most; 0: no bricks. A light that moves in a box has none: bases
+    are worth more (FLIP of balls without and with bricks: Cornell box 0.096 and 0.096, dungeon 0.179 and 0.171, with
+    1.5 to 1.7 times the bytes)."""
+    hidden: tuple[int, ...] = ()
+    """Not used: nothing is trained."""
     training: TrainingSettings = TRAINING
+    """Of samples that only measure the error."""
     along: int = ALONG
     """Probes along the longest edge where no spacing is asked for."""
 
+    def states_of(self, variable: Variable | None) -> int:
+        """Return how many states of a variable are solved.
+
+        Args:
+            variable: The declared light.
+
+        Returns:
+            S.
+        """
+        return self.places if isinstance(variable, PointLight) else self.states
+
+    def sampling_of(self, variable: Variable | None) -> ProbeSampling:
+        """Return how much is traced for a variable.
+
+        Args:
+            variable: The declared light; None: the scene's own emitters.
+
+        Returns:
+            Numbers of samples and paths.
+        """
+        if variable is None:
+            return self.static_sampling
+        return self.gathered_sampling if gathers(variable) else self.sampling
+
 
 DRAFT = ProbesPreset(
-    sampling=ProbeSampling(8, 16, 64, most=1), static_sampling=ProbeSampling(8, 64, 128, most=1), states=12, rank=4
+    sampling=ProbeSampling(8, 16, 64, most=1),
+    gathered_sampling=ProbeSampling(8, 128, 512, most=1),
+    static_sampling=ProbeSampling(8, 64, 128, most=1),
+    states=12,
+    places=64,
+    rank=8,
 )
 # The weights hat × ratio: default (a ReLU field of 4³ bytes) and others by name; ``bare-``: the published forms.
 PRESETS: dict[str, ProbesPreset] = {
@@ -99,7 +141,7 @@ PRESETS: dict[str, ProbesPreset] = {
     "mlp-direct": ProbesPreset(function="mlp"),
     **{name: ProbesPreset(function=name) for name in ("bare-relu-field-5", "bare-product-field", "bare-mlp")},
     # Of --quality best.
-    "fine": ProbesPreset(along=12, states=96, rank=12),
+    "fine": ProbesPreset(along=12, states=96, rank=24),
 }
 
 
@@ -115,9 +157,12 @@ class ProbesFit(MixedFit):
     """Of the preset."""
 
     def __post_init__(self) -> None:
-        self._lit, self._mix, baselines = self.solved
-        self._basis = mixed(self._lit.solution.light, self._mix)
+        self._lit, self._rank, baselines = self.solved
+        self._spline = None if self._rank is None else spline_of(self.setup, self._lit, self._rank)
+        self._basis = self.baked.basis
         self._start(self._basis.shape[-1])
+        # Bases and spline follow from the solve: there is nothing to train.
+        self._untrained = True
         volume = self._lit.geometry.volume
         self.facts |= {
             "probes": int(volume.alive.sum()),
@@ -133,9 +178,10 @@ class ProbesFit(MixedFit):
         }
 
     def _factors(self, query: Query) -> np.ndarray:
-        """[N, 3 K] radiance over reflectance of each basis at the points, unit S."""
+        """[N, 3] radiance over reflectance at the points, unit S."""
         volume, k = self._lit.geometry.volume, self._basis.shape[-1]
-        out = np.empty((len(query), 3 * k), np.float32)
+        out = np.empty((len(query), 3), np.float32)
+        factors = np.ones((len(query), 1)) if self._spline is None else self._spline.factors(query.light)
         flat = self._basis.reshape(len(volume.state), -1)
         for start in range(0, len(query), CHUNK):
             part = slice(start, start + CHUNK)
@@ -145,13 +191,13 @@ class ProbesFit(MixedFit):
             for corner in range(node.shape[1]):
                 e += share[:, corner, None].astype(np.float32) * flat[node[:, corner]]
             values = np.einsum("nb,nbck->nck", sh.basis(normal), e.reshape(len(node), 9, 3, k))
-            out[part] = values.reshape(len(node), -1) / (np.pi * self.setup.unit)
+            out[part] = np.einsum("nck,nk->nc", values, factors[part]) / (np.pi * self.setup.unit)
         return out
 
     @property
     def baked(self) -> BakedProbes:
-        """The baked probes, with the best weights of the light's network so far."""
-        return BakedProbes(self._lit, self._mix, self.code, self.setup.unit, self.name, self.preset.coding)
+        """The baked probes."""
+        return BakedProbes(self._lit, self._rank, self._spline, self.setup.unit, self.name, self.preset.coding)
 
     def lower(self) -> Graph:
         """Return the shading graph.
@@ -184,7 +230,7 @@ class ProbesFit(MixedFit):
         Returns:
             The files.
         """
-        role = "static" if self._static else "indirect"
+        role = "static" if self._spline is None else "indirect"
         files, in_file = self.baked.files(role, glb, self.setup.scene, shown, store)
         self.facts["file_bytes_per_probe"] = in_file
         self.note = payload(self._lit.geometry.volume, self.preset.coding, in_file)
@@ -257,7 +303,8 @@ def solved(
         poses: Poses in which a variable light is traced; None: nothing moves.
 
     Returns:
-        The light of all states, the factors of the bases [S, K], and the errors of volume and baselines in the air.
+        The light of all states, the factors of the bases (None: one state), and the errors of volume and baselines
+        in the air.
 
     Raises:
         ValueError: The set-up has no scene.
@@ -275,17 +322,36 @@ def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: in
     variable = None if static else setup.variable
     lights: Lights = None
     if not static:
-        lights = sample_lights(setup.scene, variable, preset.states, seed + STATE_SEED)
+        lights = sample_lights(setup.scene, variable, preset.states_of(variable), seed + STATE_SEED)
         lights = lights if poses is None else in_poses(setup.scene, lights, poses, seed)
-    sampling = preset.static_sampling if static else preset.sampling
+    sampling = preset.sampling_of(variable)
     lit = light_volume(setup.scene, geometry, sampling, seed, variable, lights)
-    lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
+    if not isinstance(variable, PointLight):
+        lit = refined(setup.scene, lit, preset.bricks, fit_of(preset), variable)
     live = np.flatnonzero(lit.geometry.volume.alive)
     first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
     state = states_of(setup.scene, variable, lights)[0]
     told = compare(state.scene, lit.geometry, *first, seed, state.variable, state.light)
-    mix = np.ones((1, 1)) if static else singular_mix(lit.solution.light, live, preset.rank)
-    return lit, mix, told
+    low = None if static else LowRank.of(lit.solution.light, live, preset.rank)
+    return lit, low, told
+
+
+def spline_of(setup: FieldSetup, lit: SolvedVolume, rank: LowRank, poses: np.ndarray | None = None) -> SplineMix:
+    """Make the spline of the factors between the states of a light.
+
+    Args:
+        setup: Set-up of the scene.
+        lit: The light of S states.
+        rank: Factors of the bases in the states.
+        poses: [S, M] sliders of what moves; None: nothing does.
+
+    Returns:
+        The spline.
+    """
+    lights = lit.lights.lights if isinstance(lit.lights, JointStates) else lit.lights
+    assert lights is not None
+    point, rows = setup.light == "point", np.zeros((len(lights), 0)) if poses is None else poses
+    return SplineMix.of(lights, rows, rank.factors, directions=not point, levels=point)
 
 
 def in_poses(scene: Scene, lights: np.ndarray, poses: PoseBasis, seed: int) -> JointStates:

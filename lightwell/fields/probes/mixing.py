@@ -101,7 +101,7 @@ class MixedFit(NetworkFit):
         sun = self.setup.light == "sun"
         box = ((0.0, 0.0, 0.0), 1.0) if sun else (tuple(self.setup.center), float(self.setup.half_extent))
         self._code = WeightCode(*box, [])
-        self._static = self.setup.light == "static"
+        self._untrained = self.setup.light == "static"
         sizes = (self._code.width, *self.preset.hidden, rank)
         self._trainer = Trainer(CodeNetwork(Mlp(sizes, "silu", "identity")), self.preset.training, self.seed)
 
@@ -113,14 +113,14 @@ class MixedFit(NetworkFit):
     @property
     def code(self) -> WeightCode | None:
         """The network of the light's position with the best weights so far; None: the scene's own light."""
-        if self._static:
+        if self._untrained:
             return None
         best, layers = self._trainer.best, self._trainer.network.mlp.layers
         weights = [(best[f"w{k}"].T, best[f"b{k}"][0]) for k in range(layers)]
         return WeightCode(self._code.center, self._code.half, weights)
 
     def _rows(self, query: Query) -> np.ndarray:
-        light = np.zeros_like(query.position) if self._static else query.light
+        light = np.zeros_like(query.position) if self._untrained else query.light
         return np.concatenate([self._code.features(light), self._factors(query)], axis=1)
 
     def learn_from(self, samples: Samples) -> None:
@@ -129,7 +129,7 @@ class MixedFit(NetworkFit):
         Args:
             samples: Path-traced samples.
         """
-        if self._static:
+        if self._untrained:
             return
         order = np.random.default_rng((self.seed, len(samples))).permutation(len(samples))[:MOST_SAMPLES]
         part = samples[order]
@@ -145,7 +145,7 @@ class MixedFit(NetworkFit):
         self._validation = (self._rows(samples.query), samples.query.reflectance, samples.radiance / self.setup.unit)
 
     def _output(self, parameters: dict[str, np.ndarray], inputs: np.ndarray) -> np.ndarray:
-        if self._static:
+        if self._untrained:
             return np.maximum(inputs[:, self._code.width :], 0)
         return np.maximum(super()._output(parameters, inputs), 0)
 
@@ -163,7 +163,7 @@ class MixedFit(NetworkFit):
         Returns:
             Whether early stopping ended the training.
         """
-        if not self._static:
+        if not self._untrained:
             return super().train(until, total, progress, checkpoint)
         state = self.state
         if not state.history:
