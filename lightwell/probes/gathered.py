@@ -143,7 +143,7 @@ def bin_light(scene: Scene, variable: Variable, lights: np.ndarray) -> np.ndarra
         else:
             shadows = [radiosity.direct(variable, lights, LIGHT_STREAM + (k << 20)) for k in range(BIN_SHADOWS)]
             direct = np.mean(shadows, axis=0)
-            found = radiosity.indirect(direct) + direct[..., None]
+            found = radiosity.indirect(direct) + direct
         return np.ascontiguousarray(found.transpose(1, 2, 0))
 
     return scene.cache.get(BIN_LIGHT, make, (variable, np.float32(lights).tobytes()))
