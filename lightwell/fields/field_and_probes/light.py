@@ -34,6 +34,7 @@ from lightwell.graph import Graph
 from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
+from lightwell.probes.end_stops import dark_at_stops
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.lower import lower
 from lightwell.probes.spline import SplineMix
@@ -222,6 +223,8 @@ class ProbeLight:
         rows = np.zeros((len(lights), 0)) if poses is None else pose_rows(len(lights), poses, seed)
         point = variable.kind == "point"
         mixing = SplineMix.of(lights, rows, factors, directions=not point, levels=point)
+        if poses is not None:
+            mixing = dark_at_stops(mixing, lights, rows, lit.solution.light[:, live], bases[live], poses.nodes)
         lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 
