@@ -66,6 +66,19 @@ def test_behind_a_shut_door_it_is_dark(kind, shut):
         np.testing.assert_array_equal(*(shown(mix, bases, lights, pose) for mix in (before, after)))
 
 
+def test_a_door_beside_another_thing_that_moves():
+    house, lights = House(0.0), lights_of(STATES, "sun", 1)
+    door, other = np.array(NODES[0])[np.arange(STATES) % 5], np.arange(STATES) % 7 / 6
+    states = house.light(lights, door[:, None])
+    bases, factors = reduced(states, np.arange(PROBES), 16)
+    pose = np.stack([other, door], axis=1)
+    mix = SplineMix.of(lights, pose, factors, directions=True)
+    mix = dark_at_stops(mix, lights, pose, states, bases, (tuple(np.linspace(0, 1, 7)), NODES[0]))
+    assert [(stop.mover, stop.at, stop.reach) for stop in mix.stops] == [(1, 0.0, 0.25)]
+    shut = mix.factors(lights_of(9, "sun", 3), np.stack([np.linspace(0, 1, 9), np.zeros(9)], axis=1))
+    assert np.abs(np.einsum("pbck,nk->npbc", bases, shut)[:, ROOM]).max() < 0.01 * np.abs(states[:, ROOM]).max()
+
+
 def test_the_light_of_an_opening_door_has_no_step():
     house, lights = House(0.0), lights_of(12, "sun", 2)
     _, after, bases = solved(house, "sun")
