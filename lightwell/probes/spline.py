@@ -26,6 +26,37 @@ EPSILON = 1e-6
 
 
 @dataclass(frozen=True)
+class EndStop:
+    """What changes the factors where something stands at an end of its range; see ``lightwell.probes.end_stops``."""
+
+    mover: int
+    """Index of its slider."""
+    at: float
+    """The slider there, 0 or 1."""
+    reach: float
+    """How far from there the change fades out, of the range."""
+    change: np.ndarray
+    """[K, K] what is added to the factors, as a function of them."""
+
+    def node(self, b: Builder, factors: str) -> str:
+        """Add the change to a graph.
+
+        Args:
+            b: Graph under construction with the input ``pose``.
+            factors: Name of the node with the K factors.
+
+        Returns:
+            Name of the node with the changed ones.
+        """
+        frame, count = {"per_frame": True}, len(self.change)
+        slope = (2 * self.at - 1) / self.reach
+        near = b.affine(b.slice("pose", self.mover, 1, **frame), [slope], [1 - slope * self.at], **frame)
+        near = b.clamp(near, low=0.0, high=1.0, **frame)
+        change = b.linear(factors, self.change, np.zeros(count), **frame)
+        return b.add(factors, b.multiply(change, b.concat(*[near] * count, **frame), **frame), **frame)
+
+
+@dataclass(frozen=True)
 class SplineMix:
     """A spline; notation of the module."""
 
@@ -44,6 +75,8 @@ class SplineMix:
     level: float | None = None
     """Logarithm of the largest norm of the factors: the last row of ``weights``, ``slope`` and ``offset`` is then the
     logarithm of the norm less this; None: all rows are factors."""
+    stops: tuple[EndStop, ...] = ()
+    """End stops at which something is dark."""
 
     @staticmethod
     def of(
@@ -121,6 +154,13 @@ class SplineMix:
         Returns:
             Name of the node with the K factors.
         """
+        found = self._spline(b)
+        for stop in self.stops:
+            found = stop.node(b, found)
+        return found
+
+    def _spline(self, b: Builder) -> str:
+        """The factors of the spline alone."""
         frame, movers, count = {"per_frame": True}, self.at.shape[1] - 3, len(self.at)
         x = b.affine("light", [1 / self.half] * 3, [-c / self.half for c in self.center], **frame)
         if movers:

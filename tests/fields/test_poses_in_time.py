@@ -9,9 +9,11 @@ import pytest
 from lightwell.fields.budget import Budget
 from lightwell.fields.protocol import State
 from lightwell.fields.request import Request
-from lightwell.fields.surface.poses import gather_in_time, traced_poses
+from lightwell.fields.surface.poses import gather_in_time, posed_maker, times_in_time, traced_poses
 from lightwell.scenes import load
 from lightwell.scenes.posing import declared_movers, with_movers
+from lightwell.scenes.variables import default_variable
+from lightwell.transport.shards import ShardSettings
 
 SECONDS, GATHERED, LIGHTS = 58.0, 8, 512
 
@@ -46,6 +48,20 @@ def test_poses_leave_half_of_the_time_by_what_one_of_them_took(state, seconds_of
 def test_fixed_counts_time_no_pose(state):
     state.job.request = Request(shards=GATHERED)
     assert gather_in_time(state, SECONDS, GATHERED, lambda gathered: 1 / 0) == (GATHERED, 0)
+
+
+@pytest.mark.parametrize("seconds_of_a_pose, expected", [(0.4, 4), (0.9, 2), (1.5, 1), (0.0, 1)])
+def test_own_light_alone_has_more_points_where_poses_leave_time(state, seconds_of_a_pose, expected):
+    # 16 poses in half of the 58 seconds; 0 where counts are fixed.
+    assert times_in_time(state, SECONDS, GATHERED, seconds_of_a_pose) == expected
+    beside_a_lamp = State(state.job, state.scene, None, ("indirect", "static"))
+    assert times_in_time(beside_a_lamp, SECONDS, GATHERED, seconds_of_a_pose) == 1
+
+
+def test_shards_of_own_light_last_as_many_times(state):
+    light, shards = default_variable(state.scene), ShardSettings()
+    makers = [posed_maker(state, "static", light, shards, GATHERED, 1.0, times) for times in (1, 2, 4)]
+    assert [maker.most for maker in makers] == [2, 4, 8]
 
 
 def test_a_time_without_poses_is_refused_before_one_is_prepared(state):

@@ -33,6 +33,7 @@ from lightwell.graph import Graph
 from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
+from lightwell.probes.end_stops import dark_at_stops
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.low_rank import LowRank
 from lightwell.probes.lower import lower
@@ -218,6 +219,11 @@ class ProbeLight:
         bases, factors = low.bases(lit.solution.light), low.factors
         rows = None if poses is None else pose_rows(len(factors), poses, seed)
         mixing = spline_of(self._setup(role), lit, low, rows)
+        if poses is not None and rows is not None:
+            lights = lit.lights.lights if isinstance(lit.lights, JointStates) else lit.lights
+            assert lights is not None
+            states = lit.solution.light[:, live]
+            mixing = dark_at_stops(mixing, lights, rows, states, bases[live], poses.nodes)
         lost = error_of_bases(lit.solution.light[:, live], bases[live], factors)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
 

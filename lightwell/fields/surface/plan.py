@@ -54,6 +54,8 @@ class StartPlan:
     """The same in long launches, such as those of the reference."""
     pose_seconds: float = 0.0
     """Measured time of a pose; 0: nothing moves, or counts are fixed."""
+    times: int = 1
+    """As many times the points of each pose as there are else."""
 
 
 @dataclass(frozen=True)

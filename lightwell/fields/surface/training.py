@@ -33,7 +33,7 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
 )
-from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose
+from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose, times_in_time
 from lightwell.fields.surface.roles import learning_time, looked_from, role_seconds
 from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
@@ -125,7 +125,8 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     if state.scene.movers:
         prepare = partial(timed_pose, state, role, looked_from(state), _shards(state))
         gathered, each = gather_in_time(state, seconds, gathered, prepare)
-    return StartPlan(begin + seconds, rate.short, gathered, rate.sustained, each)
+    times = times_in_time(state, seconds, gathered, each)
+    return StartPlan(begin + seconds, rate.short, gathered, rate.sustained, each * times, times)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
@@ -146,7 +147,7 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     """Return the function that makes the shards of a role."""
     shards = _shards(state)
     if state.scene.movers:
-        return posed_maker(state, role, looked_from(state), shards, start.gathered, start.pose_seconds)
+        return posed_maker(state, role, looked_from(state), shards, start.gathered, start.pose_seconds, start.times)
     size = GatherSize.of(start.gathered, shards, RAYS[state.job.request.quality])
     moving = TurnedShards if isinstance(state.variable, Turning) else GatheredShards
     kind = OwnLightShards if role == "static" else moving

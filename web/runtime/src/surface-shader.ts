@@ -37,7 +37,7 @@ export function patchSurfaceShader(
   const parts = [
     ["void main() {", `${principledLight(COATS)}\n${DIRECT_LIGHT}\n${SHADOW_OFFSET}\nuniform mat4 lightwellToRoot;\nuniform mat4 lightwellToRest;\n${finish.functions()}\nvoid main() {`],
     ["#include <lights_pars_begin>", replacePart(ShaderChunk.lights_pars_begin, LEAST_REACH, MIN_REACH)],
-    ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin)],
+    ["#include <lights_fragment_begin>", offsetShadows(ShaderChunk.lights_fragment_begin, hasCentroids(renderer))],
     ["#include <opaque_fragment>", `{\n${SURFACE}\n${finish.statements}\n}\n#include <opaque_fragment>`],
     ...(finish.environment ? [] : [["#include <lights_fragment_maps>", `#undef USE_ENVMAP\n#include <lights_fragment_maps>`] as const]),
   ] as const;
@@ -128,19 +128,26 @@ const FACET = `
   lwFacet = normalize( ( vec4( lwFacet, 0.0 ) * viewMatrix ).xyz );
 `;
 
+/**
+ * Point of the shadow test. Without centroids the point of a triangle's rim may lie beyond it, behind the next wall, in light that is not there:
+ * it is drawn towards the eye, by three quarters of what a pixel is long there.
+ */
+const COVERED = "vec3 lwTested = lwPosition;";
+const UNCOVERED = `vec3 lwTested = lwPosition + 0.75 * length( fwidth( vLightwellToEye ) ) * normalize( ( vec4( vLightwellToEye, 0.0 ) * viewMatrix ).xyz );`;
+
 const SUN = "directionalLightShadow.shadow";
 
 /** What takes the place of parts of three's light loop: the shadow coordinates of its vertex shader, and what a sun's filter counts for. */
 const SHADOWS = [
-  ["vPointShadowCoord[ i ]", "lightwellPointShadow( pointShadowMatrix[ i ], lwPosition, lwFacet, pointLightShadow.shadowMapSize )"],
+  ["vPointShadowCoord[ i ]", "lightwellPointShadow( pointShadowMatrix[ i ], lwTested, lwFacet, pointLightShadow.shadowMapSize )"],
   ["getShadow( directionalShadowMap", "lightwellSunLight( getShadow( directionalShadowMap"],
   [
     "vDirectionalShadowCoord[ i ] )",
-    `lightwellSunShadow( directionalShadowMatrix[ i ], lwPosition, lwFacet, directLight.direction, ${SUN}MapSize ) ), lightwellTexel( directionalShadowMatrix[ i ], ${SUN}MapSize.x ), 1.0 - ${SUN}Intensity )`,
+    `lightwellSunShadow( directionalShadowMatrix[ i ], lwTested, lwFacet, directLight.direction, ${SUN}MapSize ) ), lightwellTexel( directionalShadowMatrix[ i ], ${SUN}MapSize.x ), 1.0 - ${SUN}Intensity )`,
   ],
 ] as const;
 
 /** Three's light loop with our shadows. */
-function offsetShadows(chunk: string): string {
-  return FACET + SHADOWS.reduce((text, [part, ours]) => replacePart(text, part, ours), chunk);
+function offsetShadows(chunk: string, centroids: boolean): string {
+  return FACET + (centroids ? COVERED : UNCOVERED) + SHADOWS.reduce((text, [part, ours]) => replacePart(text, part, ours), chunk);
 }

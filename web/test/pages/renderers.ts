@@ -30,6 +30,8 @@ export interface Request {
   readonly kind: "webgl" | "webgpu" | "fallback";
   readonly width: number;
   readonly height: number;
+  /** Samples of a pixel; WebGLRenderer alone. */
+  readonly samples?: number;
   readonly camera: { position: [number, number, number]; target: [number, number, number]; fovY: number };
   readonly weights?: "inline" | "texture";
   /** Do it twice, and say what is left of the second time. */
@@ -133,11 +135,11 @@ interface Stand {
   dispose(): void;
 }
 
-function webglStand({ width, height, weights, environment }: Request): Stand {
+function webglStand({ width, height, samples = 0, weights, environment }: Request): Stand {
   const renderer = new WebGLRenderer({ canvas: document.createElement("canvas") });
   renderer.setSize(width, height, false);
   renderer.shadowMap.enabled = true;
-  const target = new WebGLRenderTarget(width, height, { type: FloatType });
+  const target = new WebGLRenderTarget(width, height, { type: FloatType, samples });
   renderer.setRenderTarget(target);
   return {
     renderer,
