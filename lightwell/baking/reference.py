@@ -37,6 +37,8 @@ from lightwell.transport.lit_points import LitPoints
 
 # Version; to be increased when the same arguments give other samples than before.
 VERSION = 4
+# Mean of a picture, relative to the brightest of a page, that is black.
+BLACK = 1e-3
 
 T = TypeVar("T")
 
@@ -202,7 +204,20 @@ def _page_views(
             further = tuple(vector(other.places[k]) for other in stage.more)
             pose = view_pose(scene, k)
             pictures.append(PageView(view_name(camera, k), camera, vector(light), picture, pose, further))
-    return pictures
+    return with_light(pictures)
+
+
+def with_light(views: list[PageView]) -> list[PageView]:
+    """Leave out the saved views of a page that are black, such as those of a room that no light reaches.
+
+    Args:
+        views: The views; they are shown with one exposure.
+
+    Returns:
+        Those that are not black beside the brightest one; all where all are.
+    """
+    means = [float(view.reference.mean()) for view in views]
+    return [view for view, mean in zip(views, means) if mean > BLACK * max(means)] or views
 
 
 def _display_views(

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from lightwell.asset.page import PageView
 from lightwell.baking.display_pictures import reference_picture
+from lightwell.baking.reference import with_light
 from lightwell.baking.reference_budget import PICTURE_SCALE
-from lightwell.scenes import load
+from lightwell.scenes import Camera, load
 from lightwell.scenes.placing import initial_light
 from lightwell.scenes.variables import declare
 from lightwell.transport.camera import guide_images, total_image
@@ -32,3 +34,12 @@ def test_guides_are_reflectances_and_normals():
     assert albedo.min() >= 0 and albedo.max() <= 1
     lengths = np.linalg.norm(normal, axis=-1)
     assert lengths.max() <= 1 + 1e-5 and np.median(lengths) > 0.95
+
+
+def test_black_views_are_left_out_of_the_page_unless_all_are():
+    def views(*levels: float) -> list[PageView]:
+        camera = Camera((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+        return [PageView(f"{k}", camera, (0.0, 0.0, 0.0), np.full((2, 3, 3), x)) for k, x in enumerate(levels)]
+
+    assert [view.name for view in with_light(views(1.0, 0.0, 2e-3, 5e-4))] == ["0", "2"]
+    assert len(with_light(views(0.0, 0.0))) == 2 and with_light([]) == []
