@@ -87,6 +87,8 @@ _MIRROR = HashGrid(levels=2, base=7, growth=2, entries_log2=13)
 # which has none elsewhere: +0.2 dB (courtyard) and -0.2 dB (drake-living-room). Three times in place of ten: -1.9 dB
 # (doorway, 4,000 steps, four times as many points).
 _MOVING_DECAY, _MOVING_MIRROR_DECAY = 10.0, (1.0, 10.0, 30.0)
+# Units of the light network's first layer at most where poses are among its inputs: below 300 kB with a sky, too.
+_MOVING_UNITS = 120
 
 PRESETS: dict[str, FactoredPreset] = {
     "default": FactoredPreset(mirror=_MIRROR, glossy_hidden=(24, 16)),
@@ -157,8 +159,11 @@ class FactoredFit(NetworkFit):
         outputs = {"point": point, "pixel": b.concat(*pixel)} | ({"frame": b.concat(*frame)} if frame else {})
         self._inputs = Tabulated(b.build(**outputs))
         width = self._inputs.width("frame") if frame else 0
+        light_hidden = preset.light_hidden
+        if self.setup.movers and self.setup.light != "static":
+            light_hidden = (min(light_hidden[0], _MOVING_UNITS), *light_hidden[1:])
         self.network = FactoredNetwork(
-            grid, self._inputs.width("pixel"), width, preset.light_hidden, self.hidden, self.mirror
+            grid, self._inputs.width("pixel"), width, light_hidden, self.hidden, self.mirror
         )
         self._trainer = Trainer(self.network, preset.training, self.seed)
 
