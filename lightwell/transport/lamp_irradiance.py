@@ -21,6 +21,7 @@ from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, str
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiosity import LANES, Rows, stored_ends
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.uneven_light import sums_by_group
 
 # Points whose shares are added up at a time; bounds memory.
 POINTS_AT_ONCE = 1 << 15
@@ -51,7 +52,8 @@ def irradiance_shares(
     for start in range(0, len(points), POINTS_AT_ONCE):
         count = min(POINTS_AT_ONCE, len(points) - start)
         tracer = _Tracer(light, device, start, count, seed)
-        part = light.gathered(tracer.rows(rays)).mean(axis=1)
+        seen, uneven = tracer.rows(rays)
+        part = light.gathered(seen).mean(axis=1) + uneven
         out[start : start + count] = part + tracer.met(rays) + tracer.sampled(shadow_rays)
     return np.nan_to_num(out, copy=False, posinf=0, neginf=0)
 
@@ -63,21 +65,27 @@ class _Tracer:
         self._light, self._scene, self._device = light, light.radiosity.scene, device
         self._start, self._count, self._seed = start, count, seed
 
-    def rows(self, rays: int) -> Rows:
-        """What cosine-distributed rays meet; a weight is E' for an irradiance of 1 on the bin."""
-        bins = self._light.radiosity.bins
+    def rows(self, rays: int) -> tuple[Rows, np.ndarray]:
+        """What cosine-distributed rays meet; a weight is E' for an irradiance of 1 on the bin.
+
+        And the light of the bins on which it is uneven, [count, K, 3].
+        """
+        bins, uneven = self._light.radiosity.bins, np.zeros((self._count, self._light.sources.count, 3))
         found = np.empty((self._count, rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
         weight = np.empty((self._count, rays, 3), np.float16)
         for first, size in _parts(self._count, rays):
             _, ray, β, rng = self._cosine_rays(first, size, rays, self._seed)
             w, p, n, _ = ray_ends(self._scene.mi, ray, β, rng)
             index = bins.lookup(self._scene.mi, p, n)
+            if self._light.uneven.any:
+                L, group = self._light.uneven.light(w, p, n, index, rng)
+                uneven[first : first + size] = sums_by_group(L, group, uneven.shape[1], rays) / rays
             w, index = stored_ends(w, index, dr.opaque(mi.Float, 2 / rays), dr.opaque(mi.UInt32, bins.count))
             dr.eval(w, index)
             found[first : first + size] = np.array(index).reshape(size, rays)
             for c, values in enumerate(w):
                 weight[first : first + size, :, c] = np.array(values).reshape(size, rays)
-        return Rows(found, weight)
+        return Rows(found, weight), uneven
 
     def met(self, rays: int) -> np.ndarray:
         """[count, K, 3] direct light that cosine-distributed rays meet; added up in the order of the rays."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightwell.backend import dr, mi
+from lightwell.core.color import LUMINANCE
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.lamps import LampGroup
 from lightwell.transport.gather_rays import PASSED, goes_straight
@@ -23,13 +24,16 @@ from lightwell.transport.lamp_sources import LampSources
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
-from lightwell.transport.radiosity import LANES, Radiosity, Rows
+from lightwell.transport.radiosity import LANES, Radiosity, Rows, rays_of_points
 from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.uneven_light import UnevenLight, is_uneven, sums_by_group
 
 # Shadow rays to each group from a bin, and from each half of a point: many points are worth more than exact ones.
-BIN_SAMPLES, POINT_SAMPLES = 64, 2
+BIN_SAMPLES, POINT_SAMPLES = 128, 2
 # Rays from a bin that look for emitters through glass and holes and by mirrors.
 BIN_RAYS = 128
+# Random stream of the rays to bins that are lit unevenly.
+UNEVEN_STREAM = 0x75E7
 # Points whose rays are added up at a time; bounds memory.
 POINTS_AT_ONCE = 1 << 14
 
@@ -63,9 +67,14 @@ class LampLight:
         self.radiosity, self._scene = radiosity, radiosity.scene
         self.sources, self._count = LampSources(self._scene, groups), len(groups)
         direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
-        direct[:, :-1] = self._bins(seed) + self._bins_behind(seed)
+        seen, square = self._bins(seed)
+        direct[:, :-1] = seen + self._bins_behind(seed)
+        indirect, uneven = radiosity.indirect(direct), is_uneven(seen, square)
+        direct[:, :-1] -= np.where(uneven[..., None], seen, 0)
         # [3, F + 1, K]: what a ray that meets a bin is multiplied by.
-        self._irradiance = np.ascontiguousarray((direct + radiosity.indirect(direct)).transpose(2, 1, 0))
+        self._irradiance = np.ascontiguousarray((direct + indirect).transpose(2, 1, 0))
+        level = np.where(uneven, seen @ np.asarray(LUMINANCE, np.float32), 0)
+        self.uneven = UnevenLight(self._scene, radiosity.bins, self.sources, level)
 
     def shares(
         self,
@@ -97,11 +106,11 @@ class LampLight:
 
     @property
     def irradiance(self) -> np.ndarray:
-        """[K, F + 1, 3] irradiance of the bins under each group; the last bin is dark."""
+        """[K, F + 1, 3] irradiance of the bins under each group, without uneven direct light; the last is dark."""
         return np.ascontiguousarray(self._irradiance.transpose(2, 1, 0))
 
     def direct(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int = POINT_SAMPLES) -> LampShares:
-        """Trace what points reflect of each group's direct light.
+        """Trace what points reflect of each group's direct light, and of the bins that it lights unevenly.
 
         Args:
             points: N surface points.
@@ -116,29 +125,48 @@ class LampLight:
         return LampShares(np.ascontiguousarray(total[:, 0]), np.ascontiguousarray(total[:, 1]))
 
     def _direct(self, points: SurfacePoints, rays: int, seed: int, shadow_rays: int) -> np.ndarray:
-        """[N, 2, K, 3] direct light."""
+        """[N, 2, K, 3] direct light, and that of bins on which it is uneven."""
         device, rows = DevicePoints(points), np.arange(len(points))
-        return self._emitted(device, rows, rays, seed) + self._sampled(device, rows, shadow_rays, seed)
+        found = self._emitted(device, rows, rays, seed) + self._sampled(device, rows, shadow_rays, seed)
+        return found + self._bounced(device, len(points), rays, seed) if self.uneven.any else found
+
+    def _bounced(self, device: DevicePoints, count: int, rays: int, seed: int) -> np.ndarray:
+        """[count, 2, K, 3] light of the bins on which it is uneven."""
+        out = np.empty((count, 2, self._count, 3), np.float32)
+        batch = max(1, LANES // rays)
+        for start in range(0, count, batch):
+            size = min(batch, count - start)
+            w, p, n, _ = rays_of_points(self._scene, device, start, size, rays, seed ^ UNEVEN_STREAM)
+            lane = dr.arange(mi.UInt32, size * rays)
+            numbers = (seed & 0xFFFFFFFF, start * rays)
+            at_seed, first = (dr.opaque(mi.UInt32, number) for number in numbers)
+            rng = random_streams(at_seed, lane + first, mi.UInt32(UNEVEN_STREAM))
+            L, group = self.uneven.light(w, p, n, self.radiosity.bins.lookup(self._scene.mi, p, n), rng)
+            sums = sums_by_group(L, group, self._count, rays // 2)
+            out[start : start + size] = (sums * (2 / rays)).reshape(size, 2, self._count, 3)
+        return out
 
     # ------------------------------------------------------------------ bins
 
-    def _bins(self, seed: int) -> np.ndarray:
-        """[K, F, 3] direct irradiance of the bins, at random places of each."""
+    def _bins(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """[K, F, 3] direct irradiance of the bins, at places of each, and the mean square of its luminance [K, F]."""
         bins, size = self.radiosity.bins.count, self._count
-        out = np.zeros((size, bins, 3), np.float32)
+        out, square = np.zeros((size, bins, 3), np.float32), np.zeros((size, bins), np.float32)
         batch = max(1, LANES // (BIN_SAMPLES * bins))
         for start in range(0, size, batch):
             count = min(batch, size - start)
-            out[start : start + count] = self._bin_launch(start, count, bins, seed).reshape(count, bins, 3)
-        return out
+            mean, squares = self._bin_launch(start, count, bins, seed)
+            out[start : start + count] = mean.reshape(count, bins, 3)
+            square[start : start + count] = squares[:, 0].reshape(count, bins)
+        return out, square
 
-    def _bin_launch(self, start: int, count: int, bins: int, seed: int) -> np.ndarray:
+    def _bin_launch(self, start: int, count: int, bins: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
         lane = dr.arange(mi.UInt32, count * bins * BIN_SAMPLES)
         path, row = lane % BIN_SAMPLES, lane // BIN_SAMPLES
         index, group = row % dr.opaque(mi.UInt32, bins), dr.opaque(mi.UInt32, start) + row // dr.opaque(mi.UInt32, bins)
         at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         stream = group * dr.opaque(mi.UInt32, bins) + index
-        place, normal = self.radiosity.bins.random_place(index, random_streams(at_seed, stream, path))
+        place, normal = self.radiosity.places.spread(index, path, BIN_SAMPLES)
         number, u, _ = stratified(random_streams(at_seed, stream, LATTICE_STREAM), path, mi.UInt32(BIN_SAMPLES))
         it = dr.zeros(mi.Interaction3f, dr.width(lane))
         it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.core_extent) * normal)
@@ -148,7 +176,7 @@ class LampLight:
         lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
         T, _ = unblocked(self._scene.mi, panes_of(self._scene), it.spawn_ray_to(ds.p), lit, ds.delta)
         E = dr.select(lit, E * T, 0)
-        return block_mean(E, BIN_SAMPLES)
+        return block_mean(E, BIN_SAMPLES), block_mean(mi.Spectrum(dr.square(mi.luminance(E))), BIN_SAMPLES)
 
     def _bins_behind(self, seed: int) -> np.ndarray:
         """[K, F, 3] irradiance of the bins through glass and holes and by mirrors, which shadow rays do not find."""
@@ -168,7 +196,7 @@ class LampLight:
         path, index = lane % BIN_RAYS, dr.opaque(mi.UInt32, start) + lane // BIN_RAYS
         at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
         rng = random_streams(at_seed, index, path)
-        place, normal = self.radiosity.bins.random_place(index, rng)
+        place, normal = self.radiosity.places.spread(index, path, BIN_RAYS)
         u = stratified(random_streams(at_seed, index, LATTICE_STREAM), path, mi.UInt32(BIN_RAYS))[1]
         it = dr.zeros(mi.Interaction3f, dr.width(lane))
         it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.core_extent) * normal)

@@ -27,6 +27,7 @@ from lightwell.backend import aligned, dr, mi, upload_floats, upload_integers
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
+from lightwell.transport.bin_places import BinPlaces
 from lightwell.transport.bins import Bins, find_bins, parted
 from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
@@ -38,6 +39,8 @@ from lightwell.transport.tables import tables
 
 # Rays per point by which the bins are found, and points that send them.
 PROBES, PROBE_POINTS = 16, 1 << 16
+# Rays that look for places on the bins which lamps light.
+LIT_PLACES = 1 << 20
 # Paths of a bin, and the most that a surface hands on: paths end by chance.
 BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
 # Where fewer than this share of the paths is left, a launch costs more than they are worth: then half of them end.
@@ -87,8 +90,8 @@ class Radiosity:
         """
         self.scene, self.seed = scene, seed
         tables(scene)
-        probes = points[: min(len(points), PROBE_POINTS)]
-        position, normal, _ = self._hits(DevicePoints(probes), len(probes), PROBES, seed)
+        self._probes = points[: min(len(points), PROBE_POINTS)]
+        position, normal, _ = self._hits(DevicePoints(self._probes), len(self._probes), PROBES, seed)
         found = find_bins(position, normal, bins, np.random.default_rng([seed, 5]))
         self.bins: Bins = parted(found, self._sight)
 
@@ -100,6 +103,14 @@ class Radiosity:
         ray.maxt = upload_floats(length)
         return ~np.array(self.scene.mi.ray_test(ray)) | (length < 1e-6 * self.scene.extent)
 
+    @cached_property
+    def places(self) -> BinPlaces:
+        """Many places on each bin."""
+        rays = max(LIT_PLACES // len(self._probes), PROBES)
+        seed = int(np.random.SeedSequence([self.seed, 7]).generate_state(1)[0])
+        position, normal, _ = self._hits(DevicePoints(self._probes), len(self._probes), rays, seed)
+        return BinPlaces.of(self.scene.mi, self.bins, position, normal)
+
     # ------------------------------------------------------------------ rays
 
     def _hits(self, device, count: int, rays: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -107,7 +118,7 @@ class Radiosity:
         parts = []
         batch = max(1, LANES // rays)
         for start in range(0, count, batch):
-            found = _launch(self.scene, device, start, min(batch, count - start), rays, seed)[:3]
+            found = rays_of_points(self.scene, device, start, min(batch, count - start), rays, seed)[:3]
             dr.eval(found)
             weight, p, n = (np.array(v).T for v in found)
             seen = weight.max(axis=1) > 0
@@ -286,7 +297,7 @@ def _seen_rows(
     dark = bins.count + (CELLS if sky else 0)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
-        w, p, n, away = _launch(scene, device, start, count, rays, seed, first)
+        w, p, n, away = rays_of_points(scene, device, start, count, rays, seed, first)
         index = bins.lookup(scene.mi, p, n)
         if sky:
             w, index = beyond(bins.count, w, index, away)
@@ -317,19 +328,32 @@ def stored_ends(
     return [mi.Float16(dr.minimum(v, LARGEST)) for v in w], dr.select(met, index, dark)
 
 
-def _launch(scene: Scene, device, start: int, count: int, rays: int, seed: int, first_row: int = 0):
-    """Trace ``rays`` rays from each of some points; see ``gather_ray``."""
+def rays_of_points(scene: Scene, device: DevicePoints, start: int, count: int, rays: int, seed: int, first: int = 0):
+    """Trace rays from each of some points.
+
+    Args:
+        scene: The scene.
+        device: The points.
+        start: Number of the first one.
+        count: Points.
+        rays: Rays per point, P.
+        seed: Seed of the rays.
+        first: Added to the numbers of points, for random streams.
+
+    Returns:
+        As ``gather_ray``, [count * P].
+    """
     size = dr.opaque(mi.UInt32, rays)
     lane = dr.arange(mi.UInt32, count * rays)
     path, row = lane % size, dr.opaque(mi.UInt32, start) + lane // size
     at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
-    number = row + dr.opaque(mi.UInt32, first_row)
+    number = row + dr.opaque(mi.UInt32, first)
     rng = random_streams(at_seed, number, path)
     # Two halves, each with a lattice of its own.
     half = dr.opaque(mi.UInt32, max(rays // 2, 1))
     shift = random_streams(at_seed, number, LATTICE_STREAM + path // half)
-    first = stratified(shift, path % half, half)
-    return gather_ray(scene.mi, gather_interaction(scene, device, row), rng, first)
+    numbers = stratified(shift, path % half, half)
+    return gather_ray(scene.mi, gather_interaction(scene, device, row), rng, numbers)
 
 
 class DeviceRows:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lightwell.backend import mi
 from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.lamps import group_lamps
 from lightwell.transport.irradiance import irradiance
@@ -66,3 +67,20 @@ def test_a_lamp_shines_through_glass_of_a_glTF_file():
     found = irradiance_shares(light, behind, 256, 6)[:, 0]
     reference = irradiance(scene, behind, 1024, 7).mean
     np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
+
+
+def test_a_lamp_close_to_a_wall_lights_a_part_of_a_bin():
+    # 3 cm from the left wall; a panel beside it hides the bright spot from one half of the room.
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    panel = rooms.quad("panel", (-1, 0, 0.05), (0, 2, 0), (0.8, 0, 0))
+    back = rooms.quad("behind", (-1, 0, 0.06), (0.8, 0, 0), (0, 2, 0))
+    lamp = mi.load_dict({"type": "point", "position": [-0.97, 1.0, -0.1], "intensity": {"type": "rgb", "value": 1.0}})
+    meshes = [*walls, panel, back]
+    scene = rooms.build("near", meshes, [rooms.diffuse((0.7, 0.7, 0.7))] * len(meshes), emitters=(lamp,))
+    points = draw_surface(scene, 4096, 3, floor=1).points
+    hidden = points[np.flatnonzero((points.shape == 6) | (points.shape == 7))[:POINTS]]
+    light = LampLight(Radiosity(scene, points, 4, 128), group_lamps(scene, parse_lamps(())), 5)
+    assert light.uneven.any
+    found = irradiance_shares(light, hidden, 256, 6, shadow_rays=8)[:, 0]
+    reference = irradiance(scene, hidden, 2048, 7).mean
+    assert np.mean(np.abs(found - reference)) < 0.12 * reference.mean()

@@ -162,9 +162,7 @@ class FactoredFit(NetworkFit):
         light_hidden = preset.light_hidden
         if self.setup.movers and self.setup.light != "static":
             light_hidden = (min(light_hidden[0], _MOVING_UNITS), *light_hidden[1:])
-        self.network = FactoredNetwork(
-            grid, self._inputs.width("pixel"), width, light_hidden, self.hidden, self.mirror
-        )
+        self.network = FactoredNetwork(grid, self._inputs.width("pixel"), width, light_hidden, self.hidden, self.mirror)
         self._trainer = Trainer(self.network, preset.training, self.seed)
 
     def _nodes(self, b: Builder) -> tuple[str, list[str], list[str]]:
