@@ -14,8 +14,8 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
 from lightwell.transport.day_light import day_light
+from lightwell.transport.gather_sums import Gather
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiosity import Gather
 from lightwell.transport.samples import Query, Samples, columns_of
 from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds

@@ -15,9 +15,9 @@ from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Variable, has_sky
 from lightwell.transport.adaptive import Predict
+from lightwell.transport.gather_sums import Gather
 from lightwell.transport.lamp_light import LampLight
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiosity import Gather
 from lightwell.transport.samples import Samples, columns_of
 from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, shard_seeds

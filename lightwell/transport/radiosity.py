@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import aligned, dr, mi, upload_floats, upload_integers
+from lightwell.backend import dr, mi, upload_floats
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
@@ -354,67 +354,3 @@ def rays_of_points(scene: Scene, device: DevicePoints, start: int, count: int, r
     shift = random_streams(at_seed, number, LATTICE_STREAM + path // half)
     numbers = stratified(shift, path % half, half)
     return gather_ray(scene.mi, gather_interaction(scene, device, row), rng, numbers)
-
-
-class DeviceRows:
-    """What N points see of the bins, on the device."""
-
-    def __init__(self, rows: Rows) -> None:
-        """Upload rows.
-
-        Args:
-            rows: What N points see.
-        """
-        self.bin = upload_integers(rows.bin.ravel())
-        """[N * P] bins."""
-        self.weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
-        """[N * P * 3] weights."""
-        self.rays: int = rows.bin.shape[1]
-        """P."""
-
-
-class Gather:
-    """Rows and bin light on the device: halves of samples for pairs of point and light."""
-
-    def __init__(self, rows: DeviceRows, irradiance: np.ndarray) -> None:
-        """Upload the light of the bins.
-
-        Args:
-            rows: What N points see.
-            irradiance: [K, F + 1, 3] irradiance of the bins under K lights, as in ``BinLight``.
-        """
-        self._rows = rows
-        self._irradiance, self._bins = upload_floats(irradiance.ravel()), irradiance.shape[1]
-
-    def __call__(self, point: np.ndarray, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Two half means [pairs, 3] of the radiance that leaves ``point`` [pairs] under ``light`` [pairs], by index."""
-        halves = _sum_of_rays(
-            upload_integers(point),
-            upload_integers(light),
-            (self._rows.bin, self._rows.weight, self._irradiance),
-            tuple(dr.opaque(mi.UInt32, v) for v in (self._rows.rays, self._bins)),
-        )
-        dr.eval(halves)
-        return tuple(np.ascontiguousarray(np.array(h).T) for h in halves)
-
-
-@dr.syntax
-def _sum_of_rays(point, light, held, sizes):
-    """Radiance of both halves of the rays of each pair."""
-    bin_of, weight, irradiance = held
-    rays, bins = sizes
-    a, b = mi.Color3f(0), mi.Color3f(0)
-    k = mi.UInt32(0)
-    begin, half, first = point * rays, rays // 2, light * bins
-    while dr.hint(k < rays, label="lightwell gather"):
-        entry = begin + k
-        index = dr.gather(mi.UInt32, bin_of, entry)
-        # The last bin is dark.
-        lit = index + 1 < bins
-        E = dr.gather(mi.Color3f, irradiance, first + index, lit)
-        w = mi.Color3f(*(mi.Float(dr.gather(mi.Float16, weight, entry * 3 + c)) for c in range(3)))
-        value = dr.select(lit, w * E, 0)
-        a += dr.select(k < half, value, 0)
-        b += dr.select(k < half, 0, value)
-        k += 1
-    return a, b

@@ -13,9 +13,10 @@ from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.variables import Variable, from_json, has_sky, to_json
+from lightwell.transport.gather_sums import DeviceRows
 from lightwell.transport.point_rejection import Rejection
 from lightwell.transport.radiance import PathReport
-from lightwell.transport.radiosity import DeviceRows, Radiosity
+from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.shards import ShardSettings

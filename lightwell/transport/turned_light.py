@@ -15,9 +15,10 @@ from lightwell.scenes.sky import COLUMNS, ROWS
 from lightwell.scenes.turning import Turning
 from lightwell.transport.day_light import SkyRays, sky_rows
 from lightwell.transport.environment import environment_picture
+from lightwell.transport.gather_sums import Gather
 from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.radiance import DIRECT_DEPTH, indirect
-from lightwell.transport.radiosity import BinLight, Gather, Radiosity
+from lightwell.transport.radiosity import BinLight, Radiosity
 from lightwell.transport.sky_source import CELLS
 
 # Rays of a bin to the map: its suns are small.

@@ -71,7 +71,9 @@ class UnevenLight:
         total = dr.gather(mi.Float, self._device, row + K - 1)
         active = (total > 0) & (dr.max(w) > 0)
         wanted = rng.next_float32() * total
-        group = dr.binary_search(0, self.count - 1, lambda k: dr.gather(mi.Float, self._device, row + k, active) <= wanted)
+        group = dr.binary_search(
+            0, self.count - 1, lambda k: dr.gather(mi.Float, self._device, row + k, active) <= wanted
+        )
         before = dr.select(group > 0, dr.gather(mi.Float, self._device, row + dr.maximum(group, 1) - 1, active), 0)
         chance = (dr.gather(mi.Float, self._device, row + group, active) - before) / total
         it = dr.zeros(mi.Interaction3f, dr.width(index))

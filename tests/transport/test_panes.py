@@ -7,10 +7,11 @@ import pytest
 
 from lightwell.scenes import load
 from lightwell.scenes.variables import PointLight
+from lightwell.transport.gather_sums import DeviceRows, Gather
 from lightwell.transport.panes import panes_of
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import direct, indirect
-from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
+from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.surface import draw_surface
 from tests.transport import rooms
 

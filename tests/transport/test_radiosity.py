@@ -9,8 +9,9 @@ import pytest
 
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.bins import PLACES, find_bins, parted
+from lightwell.transport.gather_sums import DeviceRows, Gather
 from lightwell.transport.gathered_shards import GatheredShards
-from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
+from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings

@@ -14,8 +14,9 @@ from lightwell.scenes.variables import PointLight, Sun, declare, from_json, to_j
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.camera import total_image
 from lightwell.transport.day_light import day_light
+from lightwell.transport.gather_sums import DeviceRows, Gather
 from lightwell.transport.gathered_shards import GatheredShards
-from lightwell.transport.radiosity import DeviceRows, Gather, Radiosity
+from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
 
