@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -19,7 +19,7 @@ from lightwell.fields.lightmap.fit import PRESETS, LightmapFit
 from lightwell.fields.lightmap.trace import chart
 from lightwell.graph.pictures import encode
 from lightwell.scenes import load
-from lightwell.scenes.atlas import charted_meshes
+from lightwell.scenes.atlas import charted
 
 # Growth of our path count until it is as good, and how often that is timed.
 STEP, TIMINGS = 1.2, 3
@@ -64,8 +64,12 @@ def side_by_side(python: str, folder: Path, size: int, count: int, reference: in
     scene = load(str(folder / "room.glb"))
     made = chart(scene, size, 0, 4, 0)
     fit = LightmapFit(PRESETS["plain"], size, 1.0, encode(stored(made.image), "png"))
-    charted = replace(scene, meshes=charted_meshes(scene, made.atlas))
-    write_glb(folder / "uv.glb", charted, [FieldEntry("light", "static", fit.lower(), None, fit.pictures)], [])
+    write_glb(
+        folder / "uv.glb",
+        charted(scene, made.atlas),
+        [FieldEntry("light", "static", fit.lower(), None, fit.pictures)],
+        [],
+    )
     text = run("bake", folder / "uv.glb", folder / "light.npy", str(size), f"1,{count},{reference}")
     seconds = {int(line.split()[1]): float(line.split()[2]) for line in text.splitlines() if line.startswith("SECONDS")}
     theirs = [c.reshape(-1, 3)[made.texels.index].mean(axis=1) for c in np.load(folder / "light.npy")[1:]]
