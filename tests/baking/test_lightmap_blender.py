@@ -32,5 +32,5 @@ def test_cycles_finds_the_same_light(tmp_path, blender, monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPT.parent))
     from lightmap_cycles import side_by_side
 
-    found = side_by_side(str(blender("5.0.1")), tmp_path, 48, 16, 64)
+    found = side_by_side(str(blender("5.0.1")), tmp_path, 64, 16, 256)
     assert found.apart < 0.2 and found.error <= found.cycles_error
