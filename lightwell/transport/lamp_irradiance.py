@@ -90,20 +90,15 @@ class _Tracer:
     def met(self, rays: int) -> np.ndarray:
         """[count, K, 3] direct light that cosine-distributed rays meet; added up in the order of the rays."""
         sources = self._light.sources
-        out = np.zeros((self._count * sources.count, 3))
+        out = np.empty((self._count, sources.count, 3))
         for first, size in _parts(self._count, rays):
             (si, density), ray, β, rng = self._cosine_rays(first, size, rays, ~self._seed)
             start = (density, mi.Bool(False))
             L, group = emission_met(self._scene.mi, sources, rng, ray, β, interaction_at(si), start)
             good = dr.all(dr.isfinite(L))
             L, group = dr.select(good, L, 0), dr.select(good, group, sources.count)
-            dr.eval(L, group)
-            of_lane, light = np.array(group).astype(np.int64), np.array(L).T
-            lit = np.flatnonzero(of_lane < sources.count)
-            at = (first + lit // rays) * sources.count + of_lane[lit]
-            for channel in range(3):
-                out[:, channel] += np.bincount(at, light[lit, channel], len(out))
-        return (out / rays).reshape(self._count, sources.count, 3)
+            out[first : first + size] = sums_by_group(L, group, sources.count, rays)
+        return out / rays
 
     def sampled(self, samples: int) -> np.ndarray:
         """[count, K, 3] direct light by shadow rays to each group."""

@@ -181,17 +181,14 @@ class LampLight:
     def _bins_behind(self, seed: int) -> np.ndarray:
         """[K, F, 3] irradiance of the bins through glass and holes and by mirrors, which shadow rays do not find."""
         bins = self.radiosity.bins.count
-        out = np.zeros((self._count * bins, 3))
+        out = np.empty((self._count, bins, 3), np.float32)
         for start in range(0, bins, batch := max(1, LANES // BIN_RAYS)):
             size = min(batch, bins - start)
-            L, group = self._behind_launch(start, size, ~seed)
-            lit = np.flatnonzero(group < self._count)
-            at = group[lit] * bins + start + lit // BIN_RAYS
-            for channel in range(3):
-                out[:, channel] += np.bincount(at, L[lit, channel], len(out))
-        return (out * (np.pi / BIN_RAYS)).reshape(self._count, bins, 3).astype(np.float32)
+            sums = sums_by_group(*self._behind_launch(start, size, ~seed), self._count, BIN_RAYS)
+            out[:, start : start + size] = sums.swapaxes(0, 1) * (np.pi / BIN_RAYS)
+        return out
 
-    def _behind_launch(self, start: int, size: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    def _behind_launch(self, start: int, size: int, seed: int) -> tuple[mi.Spectrum, mi.UInt32]:
         lane = dr.arange(mi.UInt32, size * BIN_RAYS)
         path, index = lane % BIN_RAYS, dr.opaque(mi.UInt32, start) + lane // BIN_RAYS
         at_seed = dr.opaque(mi.UInt32, seed & 0xFFFFFFFF)
@@ -206,9 +203,7 @@ class LampLight:
         chosen = (dr.zeros(mi.Float, dr.width(lane)), mi.Bool(False))
         L, group = emission_met(self._scene.mi, self.sources, rng, it.spawn_ray(d), mi.Spectrum(1), it, chosen)
         good = dr.all(dr.isfinite(L))
-        L, group = dr.select(good, L, 0), dr.select(good, group, self._count)
-        dr.eval(L, group)
-        return np.array(L).T, np.array(group).astype(np.int64)
+        return dr.select(good, L, 0), dr.select(good, group, self._count)
 
     # ------------------------------------------------------------------ points
 
@@ -266,17 +261,13 @@ class LampLight:
 
     def _emitted(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int) -> np.ndarray:
         """[n, 2, K, 3] direct light by rays that the BSDF chooses; added up in the order of the rays."""
-        out = np.zeros((2 * len(rows) * self._count, 3))
+        out = np.empty((len(rows), 2, self._count, 3), np.float32)
         batch = max(1, LANES // rays)
         for start in range(0, len(rows), batch):
             part = rows[start : start + batch]
-            L, group = self._emitted_launch(device, part, rays, seed)
-            block = 2 * start + np.arange(len(part) * rays) // (rays // 2)
-            found = np.flatnonzero(group < self._count)
-            at = block[found] * self._count + group[found]
-            for channel in range(3):
-                out[:, channel] += np.bincount(at, L[found, channel], len(out))
-        return (out * (2 / rays)).reshape(len(rows), 2, self._count, 3).astype(np.float32)
+            sums = sums_by_group(*self._emitted_launch(device, part, rays, seed), self._count, rays // 2)
+            out[start : start + len(part)] = (sums * (2 / rays)).reshape(len(part), 2, self._count, 3)
+        return out
 
     def _emitted_launch(self, device: DevicePoints, rows: np.ndarray, rays: int, seed: int):
         size = dr.opaque(mi.UInt32, rays)
@@ -288,9 +279,7 @@ class LampLight:
         si = gather_interaction(self._scene, device, row)
         L, group = _first_emission(self._scene.mi, si, self.sources, random_streams(at_seed, row, path), first)
         good = dr.all(dr.isfinite(L))
-        L, group = dr.select(good, L, 0), dr.select(good, group, self._count)
-        dr.eval(L, group)
-        return np.array(L).T, np.array(group).astype(np.int64)
+        return dr.select(good, L, 0), dr.select(good, group, self._count)
 
 
 def block_mean(value: mi.Spectrum, size: int) -> np.ndarray:

@@ -4,8 +4,9 @@ Rays that a BSDF chooses pass them by themselves. A shadow ray to a light withou
 BSDF finds, goes on behind them, weakened by what they let through. Shadow rays to lights of some extent stop: what they
 would find behind a pane, rays that the BSDF chooses have found already.
 
-Refraction is left out: glass bends no shadow ray and focuses no light. A pane of glass lets 1 - F of the light through
-(Fresnel's equations for the index of refraction 1.5) times its colour; a solid body twice its square root.
+Refraction is left out: glass bends no shadow ray and focuses no light. A pane of glass lets 1 - F of the light through,
+times its colour, with F by Fresnel's equations for the index of refraction 1.5. A solid body does so at each of its two
+surfaces, with the square root of its colour.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ const MIN_REFLECTANCE = "1e-3";
 /** Dielectric reflectance at normal incidence for an index of refraction of 1.5 (glTF 2.0, appendix B). */
 const DIELECTRIC_F0 = "0.04";
 
-/** three.js' least square of the distance to a lamp: nearer than 0.1 m nothing gets brighter, which is all of a small scene. */
+/** three.js' least square of the distance to a lamp: nearer than 0.1 m nothing gets brighter. In a scene of some centimetres that is everywhere. */
 const LEAST_REACH = "0.01";
 
 /** One millimetre, in its place. */
