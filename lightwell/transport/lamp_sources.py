@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
 from lightwell.transport.panes import Panes, panes_of
+from lightwell.transport.resampling import CANDIDATES, nominal, resampled
 
 
 class LampSources:
@@ -123,7 +125,7 @@ class GroupEmitters:
     def sample(
         self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.Vector3f, mi.Spectrum, mi.Float, mi.Bool, mi.Ray3f]:
-        """Sample a direction to a random emitter of the group; the caller traces the shadow ray.
+        """Sample a direction to an emitter of the group, as ``Emitters`` does; the caller traces the shadow ray.
 
         Args:
             scene: Mitsuba scene, not used.
@@ -134,6 +136,13 @@ class GroupEmitters:
         Returns:
             Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
         """
+        ds, weight = resampled(lambda v: self._propose(si, v, active), si, u, self._candidates(), active)
+        good = active & (ds.pdf > 0)
+        pdf = dr.select(good, ds.pdf * nominal(self._candidates()), 0)
+        return ds.d, dr.select(good, weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
+
+    def _propose(self, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> Any:
+        """Sample a direction to an emitter that the first number chooses; see ``resampling.Propose``."""
         count = mi.Float(self.size)
         place = u.x * count
         index = dr.minimum(mi.UInt32(place), self.size - 1)
@@ -141,9 +150,12 @@ class GroupEmitters:
         # What is left of the number chooses the place on the emitter.
         rest = mi.Point2f(dr.clip(place - mi.Float(index), 0, 1 - 1e-6), u.y)
         ds, weight = emitter.sample_direction(si, rest, active)
-        good = active & (ds.pdf > 0)
-        pdf = dr.select(good, ds.pdf / count, 0)
-        return ds.d, dr.select(good, weight * count, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
+        ds.pdf /= count
+        return ds, weight * count
+
+    def _candidates(self) -> mi.UInt32:
+        """Number of emitters that are compared at a vertex."""
+        return dr.minimum(self.size, CANDIDATES)
 
     def hit(
         self,
@@ -170,5 +182,5 @@ class GroupEmitters:
         ds = mi.DirectionSample3f(scene, si, prev)
         pointer = dr.reinterpret_array(mi.UInt32, ds.emitter)
         lit = active & (dr.gather(mi.Float, self.shines, pointer, active) > 0)
-        pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) / mi.Float(self.size)
+        pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) / mi.Float(self.size) * nominal(self._candidates())
         return dr.select(lit, ds.emitter.eval(si, lit), 0), dr.select(lit & ~delta_prev, pdf, 0)

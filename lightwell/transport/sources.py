@@ -23,6 +23,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
 from lightwell.transport.panes import Panes, panes_of
+from lightwell.transport.resampling import CANDIDATES, nominal, resampled
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.turned_source import TurnedEmitter
 
@@ -185,7 +186,10 @@ class Emitters:
     first_hit = False
 
     def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
-        """Sample a direction to an emitter, as Mitsuba does; the caller traces the shadow ray.
+        """Sample a direction to an emitter; the caller traces the shadow ray.
+
+        Of several emitters the one that would bring most is chosen most often (``resampling``): of many lamps the one
+        close by, so that a bright spot that few paths meet is lit whenever one does.
 
         Args:
             scene: Mitsuba scene.
@@ -194,11 +198,17 @@ class Emitters:
             active: Active lanes.
 
         Returns:
-            Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
+            Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray. With
+            several candidates the density is a nominal one, the same that ``hit`` returns: MIS weights need no more.
         """
-        ds, weight = scene.sample_emitter_direction(si, u, False, active)
-        ray = si.spawn_ray_to(ds.p)
-        return ds.d, dr.select(ds.pdf > 0, weight, 0), ds.pdf, ds.delta, ray
+        count = _candidates(scene)
+        if count == 1:
+            ds, weight = scene.sample_emitter_direction(si, u, False, active)
+        else:
+            propose = lambda v: scene.sample_emitter_direction(si, v, False, active)  # noqa: E731
+            ds, weight = resampled(propose, si, u, dr.opaque(mi.UInt32, count), active)
+        pdf = ds.pdf * nominal(count)
+        return ds.d, dr.select(ds.pdf > 0, weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
 
     def hit(
         self,
@@ -220,11 +230,16 @@ class Emitters:
             active: Active lanes.
 
         Returns:
-            Radiance, and the density with which ``sample`` chooses the direction (0 after a delta lobe).
+            Radiance, and the density of ``sample`` for the direction (0 after a delta lobe).
         """
         ds = mi.DirectionSample3f(scene, si, prev)
-        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev)
+        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev) * nominal(_candidates(scene))
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
+
+
+def _candidates(scene: mi.Scene) -> int:
+    """Number of emitters that are compared at a vertex."""
+    return max(1, min(len(scene.emitters()), CANDIDATES))
 
 
 Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | TurnedEmitter | Sphere | Emitters
