@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -101,6 +101,17 @@ class Samples:
     def radiance(self) -> np.ndarray:
         """[N, 3] mean of both halves."""
         return 0.5 * (self.half_a + self.half_b)
+
+    def limited(self, most: float) -> Samples:
+        """Limit the radiance of both halves.
+
+        Args:
+            most: Largest radiance, > 0.
+
+        Returns:
+            The samples.
+        """
+        return replace(self, half_a=np.minimum(self.half_a, most), half_b=np.minimum(self.half_b, most))
 
     def __len__(self) -> int:
         return len(self.shape)

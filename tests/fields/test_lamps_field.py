@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lightwell.fields.base import FieldSetup, query_inputs
+from lightwell.fields.base import FieldSetup, query_inputs, usual_level
 from lightwell.fields.surface import lamps
 from lightwell.fields.surface.lamp_samples import LampSamples
 from lightwell.graph import evaluate
@@ -95,3 +95,15 @@ def test_facts_name_the_error_of_each_lamp(three):
 def test_the_same_seed_gives_the_same_graph():
     first, second = fitted(2, 8).lower(), fitted(2, 8).lower()
     assert all(np.array_equal(first.buffers[name].array, second.buffers[name].array) for name in first.buffers)
+
+
+def test_the_usual_level_is_that_of_the_room_not_of_the_wall_beside_the_lamp():
+    room = np.random.default_rng(0).lognormal(0, 0.5, 10_000)
+    with_spot = np.where(np.arange(10_000) < 10, 20_000, room)
+    level, other = usual_level(room), usual_level(with_spot)
+    assert with_spot.mean() > 15 * room.mean() and other < 2 * level and level == pytest.approx(1.1, rel=0.2)
+    # A lamp that lights a twentieth of the scene is looked at where it shines.
+    local = np.where(np.arange(10_000) < 500, room, 0)
+    assert usual_level(local) == pytest.approx(level, rel=0.2) and usual_level(np.zeros(4)) == 0
+    both = usual_level(np.stack([room, local], axis=1), np.ones(10_000))
+    assert np.allclose(both, [level, usual_level(local)], rtol=1e-6)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.core.formats import ARRAYS, JSON
-from lightwell.fields.base import FieldSetup, around_samples
+from lightwell.fields.base import UNIT_FACTOR, WHITE, FieldSetup, around_samples, usual_level
 from lightwell.fields.features import grid_point, local_features, open_builder
 from lightwell.fields.protocol import Lowered, State, Training
 from lightwell.fields.surface.clock import Clock
@@ -129,7 +129,8 @@ class LampsFit:
         self._trainer = Trainer(self.network, self.preset.training, self.seed)
         target = samples.radiance / samples.query.reflectance[:, None]
         # Each group has a unit of its own: a dim lamp alone is looked at with another exposure.
-        self.units = np.maximum(4 * target.mean(axis=(0, 2), dtype=np.float64), 1e-12 * self.setup.unit)
+        self.units = np.maximum(UNIT_FACTOR * usual_level(target.mean(axis=2)), 1e-12 * self.setup.unit)
+        target = np.minimum(target, (WHITE * self.units)[:, None])
         self._states = state_matrix(len(self.names), self.seed)
         whole = self._states @ self.units
         # [3 K, 3 S]: the same for red, green and blue.

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 from lightwell.core.formats import ARRAYS
 from lightwell.core.progress import ProgressStage
 from lightwell.core.work import WorkPart
-from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
+from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit, to_learn
 from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
@@ -99,9 +99,8 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     validation = _validation(state, role, start)
     light = None if role == "static" else state.variable
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained)
-    return SurfaceSamples(
-        traced.samples, validation, radiance_unit(traced.samples, light), plan, start.end, spent, make
-    )
+    unit = radiance_unit(traced.samples, light)
+    return SurfaceSamples(to_learn(traced.samples, role, unit), validation, unit, plan, start.end, spent, make)
 
 
 def _validation(state: State, role: Role, start: StartPlan) -> Samples:
@@ -345,7 +344,7 @@ class SurfaceTraining:
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
         traced = _trace(self.state, self.role, "adaptive", count, make, title)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
-        return traced.samples
+        return to_learn(traced.samples, self.role, self.samples.unit)
 
     def _train(self, learner: Learner, until: int) -> bool:
         if learner.state.step >= until:
