@@ -261,6 +261,7 @@ it("orbits, and then a reference no longer applies", async () => {
 it("draws nothing while nothing changes", async () => {
   const page = await openRoom(320, 240);
   await page.waitForTimeout(700);
+  await page.waitForFunction(() => window.lightwell.rests());
   const drawn = await page.evaluate(async () => {
     let count = 0;
     const { drawArrays, drawElements } = WebGL2RenderingContext.prototype;
@@ -276,6 +277,45 @@ it("draws nothing while nothing changes", async () => {
     return count;
   });
   expect(drawn).toBe(0);
+});
+
+it("smooths edges once nothing changes, and a change ends it", async () => {
+  const large = await (await open(640, 480, html(), "learned&size=640x480")).evaluate(() => Array.from(window.lightwell.readPixels().data));
+  const page = await open(640, 480, html(), "learned&size=160x120");
+  // Mean distances from a picture of 16 samples a pixel, of the canvas drawn once, and with smooth edges.
+  const found = await page.evaluate((large) => {
+    const { lightwell } = window;
+    const canvas = document.querySelector("canvas")!;
+    const drawn = (draw: () => void) => {
+      draw();
+      const context = new OffscreenCanvas(160, 120).getContext("2d")!;
+      context.drawImage(canvas, 0, 0);
+      return context.getImageData(0, 0, 160, 120).data;
+    };
+    const once = drawn(() => lightwell.renderOnce());
+    const smooth = drawn(() => lightwell.renderSmooth());
+    const again = drawn(() => lightwell.renderOnce());
+    const distance = (data: Uint8ClampedArray) => {
+      let sum = 0;
+      for (let i = 0; i < data.length; i++) {
+        const [x, y, c] = [(i >> 2) % 160, Math.floor((i >> 2) / 160), i & 3];
+        let mean = 0;
+        for (let k = 0; k < 16; k++) mean += large[4 * ((4 * y + (k >> 2)) * 640 + 4 * x + (k & 3)) + c]! / 16;
+        sum += Math.abs(data[i]! - mean);
+      }
+      return sum / data.length;
+    };
+    return { once: distance(once), smooth: distance(smooth), same: once.every((x, i) => x === again[i]) };
+  }, large);
+  expect(found.smooth).toBeLessThan(0.9 * found.once);
+  expect(found.same).toBe(true);
+  await page.evaluate(() => window.lightwell.setIntensity(0.5));
+  expect(await page.evaluate(() => window.lightwell.rests())).toBe(false);
+  await page.waitForFunction(() => window.lightwell.rests());
+  // A reference is smooth by itself.
+  await page.evaluate(() => window.lightwell.setView(0));
+  await page.evaluate(() => window.lightwell.setMode("reference"));
+  await page.waitForFunction(() => window.lightwell.rests(), null, { timeout: 1000 });
 });
 
 it("fits a phone: no control leaves the screen, and open controls leave the picture in sight", async () => {

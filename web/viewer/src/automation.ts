@@ -59,6 +59,10 @@ export interface Automation {
   /** Add a lamp; resolves with its number, or -1, when it is drawn with learned light. */
   addLamp(variable?: number): Promise<number>;
   removeLamp(index: number): Promise<void>;
+  /** Draw the picture with smooth edges, as it is shown once nothing has changed for a while. */
+  renderSmooth(): void;
+  /** Whether the picture that is shown has them, if it can. */
+  rests(): boolean;
   /** Learned light at half resolution, or at full; resolves when it is drawn so. */
   setHalf(on: boolean): Promise<void>;
   /** The lens: on or off, distance in focus (metres) and f-number; resolves when the picture is shown. */
@@ -100,6 +104,8 @@ export function automate(viewer: Viewer, ready: Promise<void>): void {
   window.lightwell = {
     ready,
     renderOnce: () => viewer.renderOnce(),
+    renderSmooth: () => viewer.renderSmooth(),
+    rests: () => viewer.rests,
     async setMode(mode) {
       viewer.setMode(mode);
       if (mode === "experts") await viewer.prepared();

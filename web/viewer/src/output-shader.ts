@@ -3,7 +3,7 @@
 import { TONE_MAPPING_TEXTS, type ToneMappingName } from "./tone-mapping.ts";
 
 /** Values of the uniform `show`. */
-export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4, beside: 5 } as const;
+export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts: 4, beside: 5, mean: 6 } as const;
 
 /** Edge of the tiles over which the difference is averaged, in pixels of the reference: its noise is no error. */
 export const DIFFERENCE_TILE = 4;
@@ -27,6 +27,7 @@ export function outputFragment(toneMapping: ToneMappingName): string {
   uniform sampler2D picture;    // learned picture, as large as the reference
   uniform sampler2D beside;     // the scene with ordinary light maps, as large as the canvas
   uniform sampler2D reference;  // first row at v = 0
+  uniform sampler2D mean;       // mean of displayed frames, as large as the canvas
   uniform vec4 frame;           // corner and size of the reference on the canvas, in its uv
   uniform int show;
   uniform float split;          // where the left picture ends, in u
@@ -109,6 +110,7 @@ export function outputFragment(toneMapping: ToneMappingName): string {
     } else if ( show == ${SHOW.difference} ) {
       shown = inFrame ? differenceColor( at ) : backdrop( vUv );
     }
+    if ( show == ${SHOW.mean} ) shown = texture( mean, vUv ).rgb;
     color = vec4( shown + dither * ( gradientNoise( gl_FragCoord.xy ) - 0.5 ) / 255.0, 1.0 );
   }`;
 }

@@ -2,12 +2,15 @@
 
 import {
   BufferGeometry,
+  ConstantAlphaFactor,
+  CustomBlending,
   Float32BufferAttribute,
   GLSL3,
   HalfFloatType,
   LinearFilter,
   Mesh,
   NoBlending,
+  OneMinusConstantAlphaFactor,
   OrthographicCamera,
   type PerspectiveCamera,
   type Scene,
@@ -34,6 +37,7 @@ export class Pipeline {
     picture: { value: null as Texture | null },
     beside: { value: null as Texture | null },
     reference: { value: null as Texture | null },
+    mean: { value: null as Texture | null },
     frame: { value: new Vector4(0, 0, 1, 1) },
     show: { value: 0 },
     split: { value: 0.5 },
@@ -41,6 +45,13 @@ export class Pipeline {
     dither: { value: 1 },
     toneMappingExposure: { value: 1 },
   };
+  /**
+   * One frame of such a mean. It has one sample of a pixel: the mean of several would be taken before the tone curve, so that a pixel
+   * of which a lamp fills a quarter is as white as the lamp.
+   */
+  readonly single = createTarget(0);
+  /** Mean of displayed frames. */
+  private readonly mean = createTarget(0);
   private readonly renderer: WebGLRenderer;
   private readonly camera = new OrthographicCamera();
   private readonly triangle: Mesh<BufferGeometry, ShaderMaterial>;
@@ -53,6 +64,7 @@ export class Pipeline {
     this.uniforms.picture.value = this.picture.texture;
     this.beside = createTarget(samples);
     this.uniforms.beside.value = this.beside.texture;
+    this.uniforms.mean.value = this.mean.texture;
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new Float32BufferAttribute([-1, -1, 0, 3, -1, 0, -1, 3, 0], 3));
     geometry.setAttribute("uv", new Float32BufferAttribute([0, 0, 2, 0, 0, 2], 2));
@@ -96,6 +108,38 @@ export class Pipeline {
     this.renderer.setRenderTarget(null);
   }
 
+  /** Take what `present` would show, of `total` or `single`, into the mean of `count` such frames; the first one begins it. */
+  gather(count: number): void {
+    const { renderer, uniforms } = this;
+    const { material } = this.triangle;
+    const { dither } = uniforms;
+    const { width, height } = renderer.domElement;
+    const [dithered, { autoClear }] = [dither.value, renderer];
+    this.mean.setSize(width, height);
+    material.blending = CustomBlending;
+    material.blendAlpha = 1 / count;
+    dither.value = 0;
+    // No shader may read what it writes.
+    uniforms.mean.value = null;
+    if (count > 1) uniforms.total.value = this.single.texture;
+    renderer.autoClear = false;
+    this.present(this.mean);
+    renderer.autoClear = autoClear;
+    uniforms.mean.value = this.mean.texture;
+    uniforms.total.value = this.total.texture;
+    dither.value = dithered;
+    material.blending = NoBlending;
+  }
+
+  /** Show the mean on the canvas. */
+  presentMean(): void {
+    const { show } = this.uniforms;
+    const shown = show.value;
+    show.value = SHOW.mean;
+    this.present();
+    show.value = shown;
+  }
+
   /** A reference, small, as it would look on the canvas. */
   thumbnail(reference: Texture, width: number, height: number, exposure: number): ImageData {
     const target = new WebGLRenderTarget(width, height);
@@ -115,6 +159,8 @@ export class Pipeline {
     this.total.dispose();
     this.picture.dispose();
     this.beside.dispose();
+    this.single.dispose();
+    this.mean.dispose();
     this.triangle.geometry.dispose();
     this.triangle.material.dispose();
   }
@@ -130,6 +176,8 @@ export class Pipeline {
       depthTest: false,
       depthWrite: false,
       blending: NoBlending,
+      blendSrc: ConstantAlphaFactor,
+      blendDst: OneMinusConstantAlphaFactor,
     });
   }
 }

@@ -9,6 +9,7 @@ import { SHOW } from "./output-shader.ts";
 import type { ViewData } from "./page-data.ts";
 import { Pipeline } from "./pipeline.ts";
 import { type Picture, readCanvas, readTarget, timeFrames } from "./readback.ts";
+import { shifted } from "./refinement.ts";
 import type { Stage } from "./stage.ts";
 import { ReferencePictures } from "./reference-pictures.ts";
 
@@ -57,21 +58,41 @@ export class Presenter {
 
   /** Draw a frame, at a share of the canvas' width and height; says whether the comparison is new. */
   draw(shown: Shown, scale: number): { readonly ok: boolean; readonly isNew: boolean } {
-    const { pipeline, stage, rig } = this;
     const { width, height } = this.renderer.domElement;
     const [w, h] = [width * scale, height * scale];
+    this.render(shown, w, h);
+    if (this.shaderError) return { ok: false, isNew: false };
+    const isNew = this.compare(shown);
+    this.pipeline.present();
+    return { ok: true, isNew };
+  }
+
+  /** Draw frame `index` ≥ 1 of a picture at rest, shifted by a part of a pixel, and show the mean of all; `draw` drew frame 0. */
+  refine(shown: Shown, index: number): void {
+    const { pipeline, rig, renderer } = this;
+    const { width, height } = renderer.domElement;
+    if (index === 1) pipeline.gather(1);
+    const { autoUpdate } = renderer.shadowMap;
+    // Shadows are as they were.
+    renderer.shadowMap.autoUpdate = false;
+    shifted(rig.camera, width, height, index, () => this.render(shown, width, height, pipeline.single));
+    renderer.shadowMap.autoUpdate = autoUpdate;
+    pipeline.gather(index + 1);
+    pipeline.presentMean();
+  }
+
+  /** Draw what `shown` says into the targets, but for what the learned picture is compared with. */
+  private render(shown: Shown, w: number, h: number, target = this.pipeline.total): void {
+    const { pipeline, stage, rig } = this;
     if (shown.mode === "split" && shown.against === "direct") this.renderDirect(shown, w, h);
     const still = shown.stillLight && shown.mode !== "direct";
     const parts = { raster: shown.mode !== "indirect", indirect: shown.mode !== "direct", still };
     stage.prepare(parts, shown.exposure, shown.glowing);
     pipeline.uniforms.toneMappingExposure.value = shown.exposure;
     pipeline.uniforms.split.value = shown.split;
-    if (shown.mode === "lightmap") pipeline.renderLightmap(pipeline.total, w, h, stage, rig.camera);
-    else pipeline.renderStage(pipeline.total, w, h, stage, rig.camera);
-    if (this.shaderError) return { ok: false, isNew: false };
-    const isNew = this.compare(shown, w, h);
-    pipeline.present();
-    return { ok: true, isNew };
+    if (shown.mode === "lightmap") pipeline.renderLightmap(target, w, h, stage, rig.camera);
+    else pipeline.renderStage(target, w, h, stage, rig.camera);
+    if (shown.mode === "split" && shown.against === "lightmap") pipeline.renderLightmap(pipeline.beside, w, h, stage, rig.camera);
   }
 
   /** The canvas as RGBA bytes, first row at the top. */
@@ -105,12 +126,11 @@ export class Presenter {
   }
 
   /** Set up what the learned picture is compared with; returns whether its errors are new. */
-  private compare(shown: Shown, width: number, height: number): boolean {
+  private compare(shown: Shown): boolean {
     const { pipeline, references, stage, rig } = this;
     const { mode, view } = shown;
     pipeline.uniforms.show.value = stage.learned?.showsSegments ? SHOW.experts : SHOW.learned;
     if (mode === "split" && shown.against !== "reference") {
-      if (shown.against === "lightmap") pipeline.renderLightmap(pipeline.beside, width, height, stage, rig.camera);
       pipeline.uniforms.show.value = SHOW.beside;
       return false;
     }

@@ -12,7 +12,7 @@ const BITS = 12_000_000;
 /** The canvas that is seen as a PNG. */
 export function takePicture(viewer: Viewer): Promise<Blob> {
   return new Promise((resolve, reject) => {
-    viewer.renderOnce();
+    viewer.renderSmooth();
     // In the task that drew it: canvases forget.
     viewer.shownCanvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("The browser could not write the picture."))), "image/png");
   });

@@ -14,6 +14,7 @@ import type { Options } from "./options.ts";
 import { EMPTY_PAGE, type PageData } from "./page-data.ts";
 import { needsReference, Presenter, type Shown } from "./presenter.ts";
 import { type Picture, readShown } from "./readback.ts";
+import { Refinement } from "./refinement.ts";
 import { RenderScale } from "./render-scale.ts";
 import { createRenderer, onShaderError } from "./renderer.ts";
 import { Stage } from "./stage.ts";
@@ -52,6 +53,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   protected readonly exposed: Exposure;
   protected readonly presenter: Presenter;
   protected readonly scale: RenderScale;
+  private readonly refinement: Refinement;
   protected readonly stage: Stage;
   private requested = 0;
   /** Counts compilations; the last one ends `preparing`. */
@@ -69,6 +71,9 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     this.rig = new CameraRig(canvas);
     this.presenter = new Presenter(this.renderer, this.stage, this.rig, options);
     this.lens = new LensController(this.lensHost());
+    this.refinement = new Refinement((index) => {
+      if (!this.renderer.getContext().isContextLost()) this.presenter.refine(this.shown(), index);
+    });
     this.scale = new RenderScale(options.size === null, () => this.invalidate());
     onShaderError(this.renderer, (log) => {
       this.presenter.shaderError = log;
@@ -148,6 +153,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   /** Draw a frame soon. */
   invalidate(): void {
+    this.refinement.stop();
     if (this.requested === 0) this.requested = requestAnimationFrame((now) => this.animate(now));
   }
 
@@ -161,6 +167,19 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     // The first frame of the lens shows when it is done.
     if (!this.drawLens(true) || !this.lens.canvas) this.draw(1);
   };
+
+  /** Draw the picture with smooth edges now, as it is shown once nothing has changed for a while. */
+  renderSmooth(): void {
+    this.renderOnce();
+    if (!this.refinable) return;
+    this.refinement.begin();
+    this.refinement.finish();
+  }
+
+  /** Whether the picture that is shown has its smooth edges, if it can have any. */
+  get rests(): boolean {
+    return this.requested === 0 && this.refinement.rests;
+  }
 
   /** Whether the file has a picture for the left in split mode. */
   canHold(against: Against): boolean {
@@ -208,6 +227,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   dispose(): void {
     cancelAnimationFrame(this.requested);
+    this.refinement.stop();
     this.resizeObserver.disconnect();
     this.presenter.references.clear();
     this.stage.clear();
@@ -282,6 +302,13 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
       this.presenter.timer.end(now);
     }
     if (gliding) this.invalidate();
+    else if (scale === 1 && this.refinable) this.refinement.begin();
+  }
+
+  /** Whether the picture that was drawn last has edges of its own that more samples make smooth. */
+  private get refinable(): boolean {
+    const { learned, lens, preparing } = this;
+    return learned !== null && lens.canvas === null && !preparing && !needsReference(this);
   }
 
   /** Draw a frame through the lens, if that is what is shown. */
@@ -301,6 +328,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
 
   /** Draw a frame onto the page's own canvas. */
   private draw(scale: number): void {
+    this.refinement.stop();
     if (!this.learned || this.renderer.getContext().isContextLost()) return;
     const { ok, isNew } = this.presenter.draw(this.shown(), scale);
     if (!ok) return this.recover();
