@@ -14,7 +14,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
 from lightwell.transport.panes import Panes, panes_of
-from lightwell.transport.resampling import CANDIDATES, nominal, resampled
+from lightwell.transport.resampling import candidates, nominal, resampled
 
 
 class LampSources:
@@ -42,7 +42,7 @@ class LampSources:
     def sample(
         self, it: mi.Interaction3f, group: mi.UInt32, number: mi.Float, u: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Spectrum, mi.Float]:
-        """Sample a direction to a random emitter of a group; the caller traces the shadow ray.
+        """Sample a direction to an emitter of a group, as ``Emitters`` does; the caller traces the shadow ray.
 
         Args:
             it: [N] places to light.
@@ -52,14 +52,22 @@ class LampSources:
             active: [N] lanes.
 
         Returns:
-            Direction sample, radiance over density, and the density per steradian; 0 where nothing shines.
+            Direction sample, radiance over density, and the nominal density per steradian for MIS weights; 0 where
+            nothing shines.
         """
         size = dr.gather(mi.UInt32, self._size, group, active)
-        index = dr.gather(mi.UInt32, self._first, group, active) + dr.minimum(mi.UInt32(number * size), size - 1)
-        emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, self._emitter, index, active))
-        ds, weight = emitter.sample_direction(it, u, active)
+        first, count = dr.gather(mi.UInt32, self._first, group, active), mi.Float(size)
+
+        def propose(at: mi.Point2f) -> Any:
+            index = first + dr.minimum(mi.UInt32(at.x * count), size - 1)
+            emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, self._emitter, index, active))
+            ds, weight = emitter.sample_direction(it, u, active)
+            ds.pdf /= count
+            return ds, weight * count
+
+        ds, weight = resampled(propose, it, mi.Point2f(number, u.x), candidates(size), active)
         good = active & (ds.pdf > 0)
-        return ds, dr.select(good, weight * mi.Float(size), 0), dr.select(good, ds.pdf / mi.Float(size), 0)
+        return ds, dr.select(good, weight, 0), dr.select(good, ds.pdf * nominal(candidates(size)), 0)
 
     def met(
         self, prev: mi.Interaction3f, si: mi.SurfaceInteraction3f, active: mi.Bool
@@ -72,15 +80,15 @@ class LampSources:
             active: [N] lanes.
 
         Returns:
-            Group (K where nothing of a group shines), radiance, and the density per steradian with which ``sample``
-            chooses the direction.
+            Group (K where nothing of a group shines), radiance, and the density of ``sample`` for the direction.
         """
         ds = mi.DirectionSample3f(self.scene.mi, si, prev)
         emitter = dr.reinterpret_array(mi.UInt32, ds.emitter)
         group = dr.select(active, dr.gather(mi.UInt32, self._of_pointer, emitter, active), self.count)
         # A new array: an assignment with "&=" would change the lanes of the caller.
         active = active & (group < self.count)
-        pdf = ds.emitter.pdf_direction(prev, ds, active) / mi.Float(dr.gather(mi.UInt32, self._size, group, active))
+        size = dr.gather(mi.UInt32, self._size, group, active)
+        pdf = ds.emitter.pdf_direction(prev, ds, active) / mi.Float(size) * nominal(candidates(size))
         return group, dr.select(active, ds.emitter.eval(si, active), 0), dr.select(active, pdf, 0)
 
 
@@ -136,9 +144,9 @@ class GroupEmitters:
         Returns:
             Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
         """
-        ds, weight = resampled(lambda v: self._propose(si, v, active), si, u, self._candidates(), active)
+        ds, weight = resampled(lambda v: self._propose(si, v, active), si, u, candidates(self.size), active)
         good = active & (ds.pdf > 0)
-        pdf = dr.select(good, ds.pdf * nominal(self._candidates()), 0)
+        pdf = dr.select(good, ds.pdf * nominal(candidates(self.size)), 0)
         return ds.d, dr.select(good, weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
 
     def _propose(self, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> Any:
@@ -152,10 +160,6 @@ class GroupEmitters:
         ds, weight = emitter.sample_direction(si, rest, active)
         ds.pdf /= count
         return ds, weight * count
-
-    def _candidates(self) -> mi.UInt32:
-        """Number of emitters that are compared at a vertex."""
-        return dr.minimum(self.size, CANDIDATES)
 
     def hit(
         self,
@@ -182,5 +186,6 @@ class GroupEmitters:
         ds = mi.DirectionSample3f(scene, si, prev)
         pointer = dr.reinterpret_array(mi.UInt32, ds.emitter)
         lit = active & (dr.gather(mi.Float, self.shines, pointer, active) > 0)
-        pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) / mi.Float(self.size) * nominal(self._candidates())
+        share = nominal(candidates(self.size)) / mi.Float(self.size)
+        pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) * share
         return dr.select(lit, ds.emitter.eval(si, lit), 0), dr.select(lit & ~delta_prev, pdf, 0)

@@ -25,6 +25,18 @@ Propose: TypeAlias = Callable[[mi.Point2f], tuple[mi.DirectionSample3f, mi.Spect
 """2D points → directions to emitters that are uniformly chosen by the first number, and radiance over density."""
 
 
+def candidates(emitters: Any) -> Any:
+    """Compute how many emitters are compared.
+
+    Args:
+        emitters: Number of emitters that there are.
+
+    Returns:
+        Number of proposals, at least 1.
+    """
+    return dr.clip(emitters, 1, CANDIDATES)
+
+
 def nominal(count: Any) -> Any:
     """Compute a factor of the density of a proposal for MIS weights, which need the density of choices roughly.
 
@@ -42,15 +54,15 @@ def nominal(count: Any) -> Any:
 
 @dr.syntax
 def resampled(
-    propose: Propose, si: mi.SurfaceInteraction3f, u: mi.Point2f, count: mi.UInt32, active: mi.Bool
+    propose: Propose, it: mi.Interaction3f, u: mi.Point2f, count: mi.UInt32, active: mi.Bool
 ) -> tuple[Any, Any]:
     """Propose directions to emitters, and choose one by what each would bring if nothing were in the way.
 
     Args:
         propose: Makes proposals.
-        si: [N] surface interactions to light.
+        it: [N] places to light: surfaces with a view, or places with a normal whose other side stays dark.
         u: [N] points in [0, 1)².
-        count: Number of proposals, ≥ 1.
+        count: Number of proposals, ≥ 1; one for all lanes, or [N].
         active: [N] lanes.
 
     Returns:
@@ -61,14 +73,14 @@ def resampled(
     # depend on each other, which their mean does not see; the choice needs a number that does not depend on them.
     number = mi.sample_tea_float32(dr.reinterpret_array(mi.UInt32, u.x), dr.reinterpret_array(mi.UInt32, u.y))
     even = mi.sample_tea_float32(dr.reinterpret_array(mi.UInt32, u.y), dr.reinterpret_array(mi.UInt32, u.x))
-    side, proposals = mi.Frame3f.cos_theta(si.wi), mi.Float(count)
+    (normal, side), proposals = _seen(it), mi.Float(count)
     picked = mi.UInt32(dr.minimum(even / EVEN * proposals, proposals - 1))
     k, total, chosen = mi.UInt32(0), mi.Float(0), mi.Float(0)
     best, best_weight = dr.zeros(mi.DirectionSample3f), mi.Spectrum(0)
     while dr.hint(active & (k < count), label="lightwell emitters"):
         turn = u.x + mi.Float(k) / proposals
         ds, weight = propose(mi.Point2f(dr.minimum(turn - dr.floor(turn), 1 - 2.0**-24), u.y))
-        cosine = dr.dot(si.sh_frame.n, ds.d)
+        cosine = dr.dot(normal, ds.d)
         likely = dr.max(weight) * dr.maximum(dr.abs(cosine), GRAZING) * dr.select(cosine * side > 0, 1, BEHIND)
         likely = dr.select((ds.pdf > 0) & dr.isfinite(likely), likely, 0)
         total += likely
@@ -82,3 +94,10 @@ def resampled(
         k += 1
     probability = (1 - EVEN) * dr.select(total > 0, chosen / total, 0) + EVEN / proposals
     return best, best_weight / (probability * proposals)
+
+
+def _seen(it: mi.Interaction3f) -> tuple[Any, Any]:
+    """The normal, and the cosine between it and the view."""
+    if isinstance(it, mi.SurfaceInteraction3f):
+        return it.sh_frame.n, mi.Frame3f.cos_theta(it.wi)
+    return it.n, mi.Float(1)

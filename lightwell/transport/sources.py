@@ -23,7 +23,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
 from lightwell.transport.panes import Panes, panes_of
-from lightwell.transport.resampling import CANDIDATES, nominal, resampled
+from lightwell.transport.resampling import candidates, nominal, resampled
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.turned_source import TurnedEmitter
 
@@ -201,7 +201,7 @@ class Emitters:
             Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray. With
             several candidates the density is a nominal one, the same that ``hit`` returns: MIS weights need no more.
         """
-        count = _candidates(scene)
+        count = candidates(len(scene.emitters()))
         if count == 1:
             ds, weight = scene.sample_emitter_direction(si, u, False, active)
         else:
@@ -233,13 +233,8 @@ class Emitters:
             Radiance, and the density of ``sample`` for the direction (0 after a delta lobe).
         """
         ds = mi.DirectionSample3f(scene, si, prev)
-        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev) * nominal(_candidates(scene))
+        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev) * nominal(candidates(len(scene.emitters())))
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
-
-
-def _candidates(scene: mi.Scene) -> int:
-    """Number of emitters that are compared at a vertex."""
-    return max(1, min(len(scene.emitters()), CANDIDATES))
 
 
 Source: TypeAlias = PointEmitter | SunEmitter | DayEmitter | TurnedEmitter | Sphere | Emitters
