@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import make_samples
 
-from lightwell.fields.base import FieldSetup, query_inputs, usual_level
+from lightwell.fields.base import WHITE, FieldSetup, query_inputs, to_learn, usual_level
 from lightwell.fields.surface import lamps
 from lightwell.fields.surface.lamp_samples import LampSamples
 from lightwell.graph import evaluate
@@ -107,3 +108,11 @@ def test_the_usual_level_is_that_of_the_room_not_of_the_wall_beside_the_lamp():
     assert usual_level(local) == pytest.approx(level, rel=0.2) and usual_level(np.zeros(4)) == 0
     both = usual_level(np.stack([room, local], axis=1), np.ones(10_000))
     assert np.allclose(both, [level, usual_level(local)], rtol=1e-6)
+
+
+def test_no_more_of_own_light_is_learned_than_is_white():
+    samples = replace(make_samples(2, 1), half_a=np.float32([[1, 2, 3], [500, 5, 1000]]))
+    limited = to_learn(samples, "static", 2.0)
+    assert limited.half_a.tolist() == [[1, 2, 3], [2 * WHITE, 5, 2 * WHITE]]
+    assert np.array_equal(limited.half_b, np.minimum(samples.half_b, 2 * WHITE))
+    assert to_learn(samples, "indirect", 2.0) is samples

@@ -59,3 +59,14 @@ def test_halves_are_independent_and_not_negative(traced):
     assert shares.half_a.shape == (POINTS, 2, 3) and min(shares.half_a.min(), shares.half_b.min()) >= 0
     difference = np.abs(shares.half_a - shares.half_b).mean()
     assert 0 < difference < 0.5 * shares.radiance.mean()
+
+
+def test_a_group_of_several_lamps_has_the_light_of_them_all(traced):
+    points, apart = traced
+    scene = lit_room("warm", "cool")
+    groups = group_lamps(scene, parse_lamps(("all",)))
+    assert [len(group.emitters) for group in groups] == [2]
+    found = LampLight(Radiosity(scene, points, 4, 1024), groups, 8).shares(points, 64, 9).radiance[:, 0]
+    expected = apart.radiance.sum(axis=1)
+    np.testing.assert_allclose(found.mean(axis=0), expected.mean(axis=0), rtol=0.03)
+    assert np.mean(np.abs(found - expected)) < 0.2 * expected.mean()
