@@ -125,6 +125,8 @@ def glb_bytes(
     extension = extension_json(fields, variables, binary, document, lamps, probes)
     if exposure is not None:
         extension["exposure"] = float(exposure)
+    if any(material.transmission > 0 for material in scene.materials):
+        extension["glass"] = True
     extension |= _surroundings_json(scene, environment, binary, document)
     validate(extension)
     document.setdefault("extensions", {})[EXTENSION] = extension

@@ -348,7 +348,7 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
 
 
 def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
-    """Find the first surface that is neither cut away nor clear glass, which rays pass without refraction.
+    """Find the first surface that is neither cut away nor glass, which rays pass without refraction.
 
     Args:
         scene: The scene.
@@ -357,7 +357,7 @@ def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersecti
     Returns:
         What the rays meet, and the rays that meet it: they begin behind what they have passed, [N] each.
     """
-    return _first_surface(scene.mi, shape_lookup(scene), mi.Bool(tables(scene).clear), ray)
+    return _first_surface(scene.mi, shape_lookup(scene), mi.Bool(tables(scene).looked_through), ray)
 
 
 @dr.syntax

@@ -14,7 +14,7 @@ import numpy as np
 from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
-from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
+from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_state import PathState, is_delta, sample_light
@@ -242,18 +242,17 @@ def _first_vertex(scene, si, source, rng, lobe, direction):
     Returns direct light (radiance and E'), the weights of the light from the sampled direction (for radiance, and
     cos / (π p) for E'), and the path, whose throughput begins after the query point.
     """
-    ctx, bsdf = mi.BSDFContext(), si.bsdf()
-    stopped = coverage(si, bsdf)
+    bsdf = si.bsdf()
     facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
     lamp = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
     wo = si.to_local(lamp.direction)
-    value, pdf = bsdf.eval_pdf(ctx, si, wo, lamp.seen)
-    lit = dr.select(lamp.seen, lamp.mis(pdf / stopped) * lamp.weight, 0)
+    value, pdf = own_eval_pdf(si, bsdf, wo, lamp.seen)
+    lit = dr.select(lamp.seen, lamp.mis(pdf) * lamp.weight, 0)
     E = lit * dr.maximum(facing * mi.Frame3f.cos_theta(wo), 0) * dr.inv_pi
-    sample, weight = bsdf.sample(ctx, si, lobe * stopped, direction)
+    sample, weight = own_sample(si, bsdf, lobe, direction)
     cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
-    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi * stopped / sample.pdf, 0)
+    diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi / sample.pdf, 0)
     path = PathState()
-    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), mi.Spectrum(1), mi.Float(sample.eta), is_delta(sample))
+    path.leave(si, sample.wo, mi.Float(sample.pdf), mi.Spectrum(1), mi.Float(sample.eta), is_delta(sample))
     path.depth, path.active = mi.UInt32(1), dr.max(weight) != 0
-    return lit * value / stopped, E, weight, dr.select(path.prev_delta, 0, diffuse_weight), path
+    return lit * value, E, weight, dr.select(path.prev_delta, 0, diffuse_weight), path

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from lightwell.backend import dr, mi
-from lightwell.transport.interactions import coverage, upload
+from lightwell.transport.interactions import own_sample, upload
 from lightwell.transport.path_numbers import random_streams
 from lightwell.transport.sky_source import CELLS, cell_of
 
@@ -35,10 +35,8 @@ def gather_ray(scene: mi.Scene, si: mi.SurfaceInteraction3f, rng: mi.PCG32, firs
     Returns:
         Where they end.
     """
-    ctx = mi.BSDFContext()
     lobe, direction, _ = first
-    # Lobes come in the order covered, seen through: what is seen through a blended surface is not its light.
-    sample, β = si.bsdf().sample(ctx, si, lobe * coverage(si, si.bsdf()), direction)
+    sample, β = own_sample(si, si.bsdf(), lobe, direction)
     ray = si.spawn_ray(si.to_world(sample.wo))
     return ray_ends(scene, ray, β, rng)
 

@@ -96,3 +96,63 @@ def coverage(si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr) -> mi.Float:
     blended = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null) & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
     alpha = 1 - bsdf.eval_null_transmission(si, blended).x
     return dr.select(blended & (alpha > 0), alpha, 1)
+
+
+def reflects(si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, wo: mi.Vector3f) -> mi.Bool:
+    """Test whether light from a direction belongs to a surface, and not to what is seen through it.
+
+    Rasterisers draw what lies behind glass themselves, so that the light of the glass is what it reflects.
+
+    Args:
+        si: [N] surface interactions.
+        bsdf: [N] their BSDFs.
+        wo: [N] directions towards the light, local frame.
+
+    Returns:
+        [N] False where a BSDF that transmits light, sharply or blurred, has the direction on the far side.
+    """
+    flags = bsdf.flags()
+    transmits = mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission) | mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission)
+    # Thin panes of Mitsuba's have a lobe of their own for what goes straight through.
+    transmits |= mi.has_flag(flags, mi.BSDFFlags.Null)
+    return ~transmits | (mi.Frame3f.cos_theta(si.wi) * mi.Frame3f.cos_theta(wo) > 0)
+
+
+def own_eval_pdf(
+    si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, wo: mi.Vector3f, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Float]:
+    """Evaluate the BSDF of surfaces as if they covered all that is behind them, without what is seen through them.
+
+    Args:
+        si: [N] surface interactions.
+        bsdf: [N] their BSDFs.
+        wo: [N] directions towards the light, local frame.
+        active: [N] lanes.
+
+    Returns:
+        [N] BSDF times cosine, and the density per steradian with which ``own_sample`` chooses the direction.
+    """
+    stopped = coverage(si, bsdf)
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, wo, active)
+    return dr.select(reflects(si, bsdf, wo), value / stopped, 0), pdf / stopped
+
+
+def own_sample(
+    si: mi.SurfaceInteraction3f, bsdf: mi.BSDFPtr, lobe: mi.Float, u: mi.Point2f
+) -> tuple[mi.BSDFSample3f, mi.Spectrum]:
+    """Sample the BSDF of surfaces as if they covered all that is behind them, without what is seen through them.
+
+    Args:
+        si: [N] surface interactions.
+        bsdf: [N] their BSDFs.
+        lobe: [N] numbers in [0, 1) that choose the lobe.
+        u: [N] points in [0, 1)² that choose the direction.
+
+    Returns:
+        [N] samples, with their density, and BSDF times cosine over density: 0 where a ray would go through.
+    """
+    stopped = coverage(si, bsdf)
+    # Lobes come in the order covered, seen through.
+    sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, u)
+    sample.pdf /= stopped
+    return sample, dr.select(reflects(si, bsdf, sample.wo), weight, 0)

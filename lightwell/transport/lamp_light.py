@@ -19,7 +19,7 @@ from lightwell.core.color import LUMINANCE
 from lightwell.scenes.executor import Recipe
 from lightwell.scenes.lamps import LampGroup
 from lightwell.transport.gather_rays import PASSED, goes_straight
-from lightwell.transport.interactions import DevicePoints, coverage, gather_interaction
+from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
 from lightwell.transport.lamp_sources import LampSources
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
@@ -250,9 +250,7 @@ class LampLight:
         bsdf = si.bsdf()
         active = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         ds, weight, density = self.sources.sample(si, group, number, u, active)
-        value, pdf = (
-            v / coverage(si, bsdf) for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(ds.d), density > 0)
-        )
+        value, pdf = own_eval_pdf(si, bsdf, si.to_local(ds.d), density > 0)
         L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
         lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
         T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, ds.delta)
@@ -303,9 +301,8 @@ def _first_emission(scene, si, sources, rng, first):
 
     Returns the emission found times the BSDF, weighted against shadow rays, and its group.
     """
-    bsdf = si.bsdf()
     lobe, direction, _ = first
-    sample, weight = bsdf.sample(mi.BSDFContext(), si, lobe * coverage(si, bsdf), direction)
+    sample, weight = own_sample(si, si.bsdf(), lobe, direction)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     ray, prev = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si)
     return emission_met(scene, sources, rng, ray, mi.Spectrum(weight), prev, (mi.Float(sample.pdf), delta))

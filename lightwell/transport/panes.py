@@ -5,8 +5,8 @@ BSDF finds, goes on behind them, weakened by what they let through. Shadow rays 
 would find behind a pane, rays that the BSDF chooses have found already.
 
 Refraction is left out: glass bends no shadow ray and focuses no light. A pane of glass lets 1 - F of the light through,
-times its colour, with F by Fresnel's equations for the index of refraction 1.5. A solid body does so at each of its two
-surfaces, with the square root of its colour.
+times its colour and its transmission, with F by Fresnel's equations for the index of refraction 1.5. A solid body does so
+at each of its two surfaces, with the square root of both.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _find(scene: Scene) -> Panes | None:
     if not (clear.any() or null.any()):
         return None
     materials = [scene.materials[mesh.material] for mesh in scene.meshes]
-    color = np.array([np.clip(m.base_color[:3], 0, 1) for m in materials], np.float32)
+    color = np.array([m.transmission * np.clip(m.base_color[:3], 0, 1) for m in materials], np.float32)
     thin = np.array([m.thickness == 0 for m in materials])[:, None]
     # The BSDF of a thin pane of Mitsuba says itself what goes straight through.
     glass = clear & ~(null & np.array([m.alpha_mode == "OPAQUE" for m in materials]))

@@ -17,7 +17,7 @@ Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bi
 from __future__ import annotations
 
 from lightwell.backend import dr, mi
-from lightwell.transport.interactions import coverage
+from lightwell.transport.interactions import own_eval_pdf, own_sample
 from lightwell.transport.panes import first_stop
 from lightwell.transport.path_numbers import next_2d
 from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
@@ -62,8 +62,8 @@ def trace(
             the source at their first bounce are dropped, and emitter sampling starts at the second vertex.
         connections: Number of vertices, from the query point on, that are connected to the surface that one ray from a
             point light meets: it samples the bright spot next to a light near a wall. 0: as Mitsuba's ``path``.
-        see_through: Where ``si`` lies on a blended surface (alpha), include what is seen through it, by its coverage.
-            Off: the light of the surface alone, as if its coverage were 1; a rasteriser blends it itself.
+        see_through: Where ``si`` lies on a blended surface (alpha) or on glass, include what is seen through it.
+            Off: the light of the surface alone, as if its coverage were 1; a rasteriser draws what is behind itself.
         one_bounce: ``max_depth`` is 2: where no ray can find the source, the kernel has no loop over further bounces.
 
     Returns:
@@ -124,16 +124,18 @@ def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, conn
     Returns radiance, the end of the light ray (None without), and the path.
     """
     bsdf, (lobe, direction, light) = si.bsdf(), first
-    L, z, stopped = mi.Spectrum(0), None, mi.Float(1) if see_through else coverage(si, bsdf)
+    L, z = mi.Spectrum(0), None
     if include_direct or source.first_hit:
-        L += _direct(scene, si, bsdf, source, rng, stopped, include_direct)
+        L += _direct(scene, si, bsdf, source, rng, see_through, include_direct)
     if source.emits and connections > 0:
         z = first_stop(scene, source.panes, source.emit(light), rng)
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), stopped)
-    # Lobes come in the order covered, seen through.
-    sample, β = bsdf.sample(mi.BSDFContext(), si, lobe * stopped, direction)
+        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), see_through)
+    if see_through:
+        sample, β = bsdf.sample(mi.BSDFContext(), si, lobe, direction)
+    else:
+        sample, β = own_sample(si, bsdf, lobe, direction)
     path = PathState()
-    path.leave(si, sample.wo, mi.Float(sample.pdf / stopped), β, mi.Float(sample.eta), is_delta(sample))
+    path.leave(si, sample.wo, mi.Float(sample.pdf), β, mi.Float(sample.eta), is_delta(sample))
     path.depth, path.active = mi.UInt32(1), dr.max(path.β) != 0
     return L, z, path
 
@@ -165,7 +167,7 @@ def _light_density(source, si) -> mi.Float:
     return dr.inv_four_pi * dr.abs(dr.dot(si.n, offset)) * dr.rsqrt(distance2) / distance2
 
 
-def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
+def _connect(scene, si, bsdf, source, z, active, see_through=True) -> mi.Spectrum:
     """Connect ``si`` to the light vertex ``z``, with the MIS weight against BSDF sampling, which could find z too."""
     ctx = mi.BSDFContext()
     z, T, chance = z
@@ -179,14 +181,23 @@ def _connect(scene, si, bsdf, source, z, active, stopped=1) -> mi.Spectrum:
     density = _light_density(source, z) * chance
     active &= z.is_valid() & (distance2 > 0) & (cosine > 0) & (density > 0)
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
-    value, pdf = (v / stopped for v in bsdf.eval_pdf(ctx, si, si.to_local(direction), active))
+    value, pdf = _value(si, bsdf, direction, active, see_through)
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
     mis = power_heuristic(density, pdf * cosine / distance2)
     return dr.select(active, mis * value * reflected * T * cosine / (distance2 * density), 0)
 
 
-def _direct(scene, si, bsdf, source, rng, stopped, whole) -> mi.Spectrum:
+def _direct(scene, si, bsdf, source, rng, see_through, whole) -> mi.Spectrum:
     """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight; all of it, or no sun."""
     light = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
-    value, pdf = (v / stopped for v in bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen))
+    value, pdf = _value(si, bsdf, light.direction, light.seen, see_through)
     return dr.select(light.seen & (mi.Bool(whole) | ~light.delta), light.mis(pdf) * value * light.weight, 0)
+
+
+def _value(si, bsdf, direction, active, see_through) -> tuple[mi.Spectrum, mi.Float]:
+    """BSDF times cosine and its density towards a light; without ``see_through`` those of the surface alone."""
+    wo = si.to_local(direction)
+    if see_through:
+        value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, wo, active)
+        return value, pdf
+    return own_eval_pdf(si, bsdf, wo, active)

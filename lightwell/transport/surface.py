@@ -147,7 +147,7 @@ class _Candidates:
     def __init__(
         self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None, pieces: Pieces
     ) -> None:
-        meshes, area = len(scene.meshes), np.where(tables(scene).clear, 0, pieces.mesh_area)
+        meshes, area = len(scene.meshes), pieces.mesh_area
         self.pieces = pieces
         self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report

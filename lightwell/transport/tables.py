@@ -20,7 +20,7 @@ from lightwell.scenes.welding import equal_rows
 WELD = 1e-5
 # A closed mesh that contains this share of the area of all other meshes is the shell of a room.
 SHELL_SHARE = 0.9
-# A surface without roughness that lets more than this share through is clear glass.
+# A surface that lets more than this share through is looked through; without roughness it is clear glass.
 CLEAR_TRANSMISSION = 0.5
 
 
@@ -47,7 +47,9 @@ class SceneTables:
     transmissive: np.ndarray
     """[M] bool: light passes through (glass, masks)."""
     clear: np.ndarray
-    """[M] bool: clear glass, which shows what lies behind it and is left to the rasteriser; none where all is glass."""
+    """[M] bool: clear glass, which light passes in a straight line; none where all is looked through."""
+    looked_through: np.ndarray
+    """[M] bool: glass, clear or frosted, which pictures show as if it were not there; none where all is such glass."""
 
     @property
     def mesh_area(self) -> np.ndarray:
@@ -84,6 +86,7 @@ def _build(scene: Scene) -> SceneTables:
     one_way = np.array([not f & int(flag.Transmission) and not f & int(flag.Null) for f in flags])
     turn = np.array([_orientation(m) for m in scene.meshes])
     areas = [m.triangle_areas for m in scene.meshes]
+    looked_through, clear = _glass(scene)
     shell = _shells(scene, turn, np.array([area.sum() for area in areas]))
     return SceneTables(
         area=np.concatenate(areas),
@@ -95,14 +98,17 @@ def _build(scene: Scene) -> SceneTables:
         air=np.where(shell, -turn, turn),
         volume=np.where(shell | ~one_way, 0, turn),
         transmissive=~one_way,
-        clear=_clear(scene),
+        clear=clear,
+        looked_through=looked_through,
     )
 
 
-def _clear(scene: Scene) -> np.ndarray:
+def _glass(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Meshes that are looked through, and those among them that are clear, [M] bool each."""
     materials = [scene.materials[mesh.material] for mesh in scene.meshes]
-    clear = np.array([m.delta and m.transmission > CLEAR_TRANSMISSION for m in materials], bool)
-    return clear & (not clear.all())
+    glass = np.array([m.transmission > CLEAR_TRANSMISSION for m in materials], bool)
+    glass &= not glass.all()
+    return glass, glass & np.array([m.delta for m in materials], bool)
 
 
 def _bsdf_flags(bsdf) -> int:

@@ -63,6 +63,7 @@ def test_materials_arrive(scene, entry, variable):
     assert textured["emissiveFactor"] == [1.0, 0.5, 0.0]
     assert textured["extensions"]["KHR_materials_emissive_strength"] == {"emissiveStrength": 2.0}
     assert textured["pbrMetallicRoughness"]["baseColorTexture"]["texCoord"] == 1
+    assert document["extensions"]["LIGHTWELL_neural_radiance"]["glass"] is True
     assert glass["extensions"]["KHR_materials_ior"] == {"ior": 1.7} and glass["alphaMode"] == "BLEND"
     # The path tracer lights what is unlit in the scene's file, so that viewers must.
     assert "KHR_materials_unlit" not in json.dumps(document) and flat["alphaCutoff"] == 0.5 and flat["doubleSided"]

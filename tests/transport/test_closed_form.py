@@ -136,3 +136,36 @@ def test_a_blended_surface_shines_as_if_it_covered_all(roaming):
         found.append((direct(scene, points, (0.3, 1.6, 0.2), roaming).mean(), np.mean(0.5 * (a + b))))
     # 256 points and paths: half a per cent of noise.
     np.testing.assert_allclose(found[1], found[0], rtol=0.03)
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.5])
+def test_glass_shines_by_what_it_reflects(roaming, roughness):
+    # What is seen through it, sharp or blurred, is the rasteriser's. Its index of refraction is nearly 1, so that the rest is
+    # its diffuse light: 1 - transmission of that of an opaque plate.
+    walls = rooms.room_walls()
+    plate = rooms.quad("plate", (-0.01, 1.0, -0.01), (0, 0, 0.02), (0.02, 0, 0))
+    found = []
+    for transmission in (0.0, 0.7):
+        glass = {"type": "principledthin", "spec_trans": transmission, "roughness": roughness, "eta": 1.001}
+        scene = rooms.build("plate", [*walls, plate], [rooms.diffuse(rooms.WHITE)] * len(walls) + [glass])
+        points = sample_surface(scene, 4096, 5, floor=256)
+        points = points[np.flatnonzero(points.shape == len(walls))]
+        a, b = indirect(scene, points, (0.3, 1.6, 0.2), roaming, 512, 3)
+        found.append((direct(scene, points, (0.3, 1.6, 0.2), roaming).mean(), np.mean(0.5 * (a + b))))
+    # 256 points and 512 paths, three in ten of which are reflected: 1 % of noise.
+    np.testing.assert_allclose(found[1], 0.3 * np.array(found[0]), rtol=0.04)
+
+
+def test_the_far_side_of_frosted_glass_is_dark():
+    # A pane before a lamp, in empty space: from the other side all of its light is light that it lets through.
+    pane = rooms.quad("pane", (-1, 0, -1), (0, 0, 2), (2, 0, 0))
+    lamp = rooms.quad("lamp", (-1, 1, -1), (2, 0, 0), (0, 0, 2))
+    shine = {"type": "area", "radiance": {"type": "rgb", "value": [1.0] * 3}}
+    glass = {"type": "principledthin", "spec_trans": 0.5, "roughness": 0.5, "eta": 1.5}
+    scene = rooms.build("pane", [pane, lamp], [glass, rooms.diffuse([0.0] * 3)], [None, shine])
+    points = sample_surface(scene, 1024, 5, is_open=True)
+    points = points[np.flatnonzero(points.shape == 0)]
+    below = points.view[:, 1] < 0
+    a, b = static(scene, points, 64, 3)
+    assert not a[below].any() and not b[below].any()
+    assert (a + b)[~below].mean() > 0.1

@@ -70,3 +70,21 @@ def test_a_group_of_several_lamps_has_the_light_of_them_all(traced):
     expected = apart.radiance.sum(axis=1)
     np.testing.assert_allclose(found.mean(axis=0), expected.mean(axis=0), rtol=0.03)
     assert np.mean(np.abs(found - expected)) < 0.2 * expected.mean()
+
+
+def test_glass_has_the_light_that_it_reflects():
+    # A frosted pane across the room: what it lets through is no light of its own, in shares as in paths.
+    room = lit_room("warm", "cool")
+    pane = quad("pane", (-0.3, 0, -0.9), (0, 1.8, 0), (0, 0, 1.8))
+    glass = {"type": "principledthin", "spec_trans": 0.5, "roughness": 0.5, "eta": 1.5}
+    glow = [{"type": "area", "radiance": {"type": "rgb", "value": v}} for v in ([4.0, 2.0, 1.0], [0.5, 1.0, 2.0])]
+    meshes = [*room.meshes, pane]
+    bsdfs = [diffuse((0.6, 0.5, 0.4))] * len(room.meshes) + [glass]
+    scene = build("frosted", meshes, bsdfs, [None] * (len(room.meshes) - 2) + [*glow, None])
+    everywhere = draw_surface(scene, 4096, 3, floor=256).points
+    points = everywhere[np.flatnonzero(everywhere.shape == len(meshes) - 1)]
+    shares = LampLight(Radiosity(scene, everywhere, 4, 1024), group_lamps(scene, parse_lamps(())), 5).shares(points, 64, 6)
+    a, b = static(scene, points, 256, 7)
+    reference, found = 0.5 * (a + b), shares.radiance.sum(axis=1)
+    np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
+    assert np.mean(np.abs(found - reference)) < 0.25 * reference.mean()

@@ -46,6 +46,8 @@ export interface NeuralRadiance {
   readonly fields: readonly FieldRecord[];
   /** The same light in the air, for what is added to the scene; empty when the file has none. */
   readonly probes: readonly FieldRecord[];
+  /** Whether the fields hold what clear glass reflects. */
+  readonly glass?: boolean;
   /** Linear factor before tone mapping that suits the scene; null when the file says none. */
   readonly exposure: number | null;
   /** The part of the scene that is looked at; null where it is all of it. */
@@ -142,7 +144,7 @@ export async function readExtension(
   const exposure = extension.exposure === undefined ? null : number(extension.exposure, `${EXTENSION}.exposure`, 1 / MAX_EXPOSURE, MAX_EXPOSURE);
   const core = readCore(extension.core, `${EXTENSION}.core`);
   const environment = readEnvironment(extension.environment, `${EXTENSION}.environment`, json.textures, lamps.length);
-  return { variables, movers, lamps, fields, probes, exposure, core, environment };
+  return { variables, movers, lamps, fields, probes, glass: extension.glass === true, exposure, core, environment };
 }
 
 /** What the parts of the extension are read from. */

@@ -50,12 +50,12 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
 
   constructor(gltf: GLTF, options: LearnedSceneOptions = {}) {
     super(gltf, options, (record, i, count) => print(options, record, `lightwellField${i}`, count));
-    const { fields } = learnedLight(gltf);
+    const { fields, glass } = learnedLight(gltf);
     const segmented = fields.find((record) => record.graph.outputs.has("segment"));
     this.segments = segmented ? print(options, segmented, "lightwellSegment", fields.length, SEGMENT_OUTPUTS) : null;
     this.uniforms = { lightwellRaster: { value: 1 }, lightwellToRoot: { value: this.placement.toRoot } };
     this.finishes = this.createFinishes();
-    this.materials = this.createMaterials();
+    this.materials = new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps, glass);
     this.begin();
   }
 
@@ -166,10 +166,6 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     const finish = learnedFinish(`probes${this.id}`, fields, this.uniforms, this.keepsEnvironment);
     const looks = new Map([...this.finishes].filter(([look]) => look === "plain")).set("learned", finish);
     return { fields, materials: () => new SurfaceMaterials(finisherOf(looks)) };
-  }
-
-  private createMaterials(): SurfaceMaterials {
-    return new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps);
   }
 
   private get keepsEnvironment(): boolean {

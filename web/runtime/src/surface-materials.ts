@@ -56,6 +56,7 @@ export class SurfaceMaterials {
   /** Materials of lines and points, which have no finish: a small picture leaves them out. */
   private others: Material[] = [];
   private readonly finisher: Finisher;
+  private readonly glass: boolean | undefined;
   private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
   private readonly patches = new Map<Material, Patch>();
   private readonly twins = new Map<SurfaceLook, Map<Material, Twin>>();
@@ -63,8 +64,10 @@ export class SurfaceMaterials {
   private shown: SurfaceLook = "learned";
   private brightness = 1;
 
-  constructor(finisher: Finisher, lightmaps: ReadonlyMap<Material, Lightmap> = new Map()) {
+  /** `glass`: clear glass has the learned look too. */
+  constructor(finisher: Finisher, lightmaps: ReadonlyMap<Material, Lightmap> = new Map(), glass?: boolean) {
     this.finisher = finisher;
+    this.glass = glass;
     this.lightmaps = lightmaps;
   }
 
@@ -159,7 +162,7 @@ export class SurfaceMaterials {
     if (PATCHED.has(material))
       throw new Error(`LearnedScene: material '${material.name}' belongs to another scene; clone it, or dispose of that scene first`);
     PATCHED.add(material);
-    const look = this.finisher.looks.has("learned") && !isClearGlass(material) ? "learned" : "plain";
+    const look = this.finisher.looks.has("learned") && (this.glass || !isClearGlass(material)) ? "learned" : "plain";
     this.patches.set(material, this.finisher.patch(material, look));
   }
 
@@ -207,17 +210,13 @@ function isStandard(material: Material): material is MeshStandardMaterial {
   return (material as Partial<MeshStandardMaterial>).isMeshStandardMaterial === true;
 }
 
-/** Blended and transmissive surfaces would cast solid shadows. */
+/** Blended surfaces and clear glass would cast solid shadows. What frosted glass lets through is learned light. */
 function blocksLight(material: Material): boolean {
-  return !material.transparent && transmissionOf(material) < 0.5;
+  return !material.transparent && !isClearGlass(material);
 }
 
 function isClearGlass(material: Material): boolean {
-  return isStandard(material) && isClear(transmissionOf(material), material.roughness);
-}
-
-function transmissionOf(material: Material): number {
-  return (material as { transmission?: number }).transmission ?? 0;
+  return isStandard(material) && isClear((material as { transmission?: number }).transmission ?? 0, material.roughness);
 }
 
 function texturesOf(material: Material): { dispose(): void }[] {

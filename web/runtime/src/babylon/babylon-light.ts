@@ -56,7 +56,7 @@ export class LearnedLight implements PluginSource {
     this.code = this.light.code(`${SHADOW_TAPS}\n${this.lamps.map((lamp) => lamp.code).join("\n")}`, new Set(this.lamps.keys()));
     for (const table of this.light.textures) this.textures.set(table.name, rawTexture(table, scene));
     for (const [name, { picture }] of this.light.pictures) this.textures.set(name, picture!.source as BaseTexture);
-    this.patch(environment === "keep");
+    this.patch(environment === "keep", radiance.glass);
     this.observer = scene.onBeforeRenderObservable.add(() => this.update());
   }
 
@@ -124,10 +124,10 @@ export class LearnedLight implements PluginSource {
   }
 
   /** Give every material of the file the light. */
-  private patch(keepsEnvironment: boolean): void {
+  private patch(keepsEnvironment: boolean, glass?: boolean): void {
     const materials = new Set(this.stand.meshes.map((mesh) => mesh.material));
     for (const material of materials) {
-      if (!(material instanceof PBRBaseMaterial) || isGlass(material)) continue;
+      if (!(material instanceof PBRBaseMaterial) || (!glass && isGlass(material))) continue;
       this.plugins.push(new LearnedLightPlugin(material, this));
       if (keepsEnvironment) continue;
       const lit = material as PBRMaterial;

@@ -87,7 +87,7 @@ export class LearnedLight {
     this.shadowed = this.light.lamps.map((lamp) => this.createLamp(lamp, reach));
     this.lamps = this.shadowed;
     this.textures = this.light.textures.map((table) => tableTexture(app, table));
-    this.patch(new Set(instances.map(({ material }) => material as StandardMaterial)));
+    this.patch(new Set(instances.map(({ material }) => material as StandardMaterial)), radiance.glass);
     app.on("update", this.update, this);
     app.on("frameend", this.rest, this);
   }
@@ -148,7 +148,7 @@ export class LearnedLight {
   }
 
   /** Give materials the text of the light. */
-  private patch(materials: ReadonlySet<StandardMaterial>): void {
+  private patch(materials: ReadonlySet<StandardMaterial>, glass?: boolean): void {
     const shadows = this.shadowed.map(({ cube }, i) =>
       cube ? `uniform samplerCube lightwellCube${i};\nuniform vec3 lightwellEye${i};\n${pointShadow(i, `lightwellEye${i}`, `${CUBE_SIZE}.0`, `textureLod( lightwellCube${i}, direction, 0.0 ).x`)}` : "",
     );
@@ -156,7 +156,7 @@ export class LearnedLight {
     const code = this.light.code(`${SHADOW_TAPS}\n${shadows.join("\n")}`, lit);
     const combine = ShaderChunks.get(this.app.graphicsDevice, SHADERLANGUAGE_GLSL).get("combinePS") as string;
     for (const material of materials) {
-      if (!(material instanceof StandardMaterial) || isClear(material.refraction, 1 - material.gloss)) continue;
+      if (!(material instanceof StandardMaterial) || (!glass && isClear(material.refraction, 1 - material.gloss))) continue;
       material.shaderChunksVersion = CHUNKS_VERSION;
       const chunks = material.getShaderChunks(SHADERLANGUAGE_GLSL);
       for (const [name, text] of Object.entries(chunksOf(code, combine))) chunks.set(name, text);

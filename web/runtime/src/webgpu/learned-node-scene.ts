@@ -58,10 +58,11 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
 
   constructor(gltf: GLTF, options: LearnedNodeSceneOptions = {}) {
     super(gltf, options, (record, i) => new FieldNodes(record, `lightwellField${i}`, placementOf(record, options)));
-    const segmented = learnedLight(gltf).fields.find((record) => record.graph.outputs.has("segment"));
+    const { fields, glass } = learnedLight(gltf);
+    const segmented = fields.find((record) => record.graph.outputs.has("segment"));
     this.segments = segmented ? new FieldNodes(segmented, "lightwellSegment", placementOf(segmented, options), SEGMENT_OUTPUTS) : null;
     this.finishes = this.createFinishes();
-    this.materials = new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps);
+    this.materials = new SurfaceMaterials(finisherOf(this.finishes), this.lightmaps, glass);
     this.begin();
   }
 
