@@ -116,7 +116,7 @@ class _Reader:
             return self._instance(node, children)
         if node.plugin == "merge":
             return [surface for child in children for surface in self._surfaces(child)]
-        if any(c.kind == mi.ObjectType.Medium for _, c in self.graph.children(node)):
+        if self._has_medium(node):
             self.warnings.append(f"shape '{node.name}': the medium inside it is ignored")
         triangles = self._triangles(node)
         return [_Surface(node, triangles)] if triangles is not None else []
@@ -154,12 +154,16 @@ class _Reader:
         material = self._material(bsdf, light)
         emission = (0.0, 0.0, 0.0) if light is None else self._records.mean_radiance(light)
         colors = t.colors if bsdf is not None and bsdf.index in self._records.colored else None
+        name, medium = self._unique(node.name), self._has_medium(node)
         self.meshes.append(
-            Mesh(self._unique(node.name), t.positions, t.indices, material, t.normals, t.uv0, None, colors, emission)
+            Mesh(name, t.positions, t.indices, material, t.normals, t.uv0, None, colors, emission, medium)
         )
         default = {"type": "diffuse"}
         self.bsdfs.append(self.graph.make(bsdf) if bsdf is not None else mi.load_dict(default))
         self.area_lights.append(self.graph.make(light) if light is not None else None)
+
+    def _has_medium(self, node: MitsubaElement) -> bool:
+        return any(c.kind == mi.ObjectType.Medium for _, c in self.graph.children(node))
 
     def _unique(self, name: str) -> str:
         self._names[name] = self._names.get(name, 0) + 1

@@ -134,6 +134,8 @@ class Mesh:
     """[V, 4] float32 linear, multiplies the base colour."""
     emission: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Mean emitted radiance when the surface is a light, else 0."""
+    medium: bool = False
+    """A medium fills it, so that nothing is seen through it; only light maps know its light."""
 
     def __repr__(self) -> str:
         return f"<Mesh {self.name}: {len(self.indices):,} triangles, material {self.material}>"

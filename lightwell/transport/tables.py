@@ -107,6 +107,7 @@ def _glass(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Meshes that are looked through, and those among them that are clear, [M] bool each."""
     materials = [scene.materials[mesh.material] for mesh in scene.meshes]
     glass = np.array([m.transmission > CLEAR_TRANSMISSION for m in materials], bool)
+    glass &= ~np.array([mesh.medium for mesh in scene.meshes], bool)
     glass &= not glass.all()
     return glass, glass & np.array([m.delta for m in materials], bool)
 

@@ -17,8 +17,6 @@ from lightwell.transport.interactions import upload
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 
-# Warning of the loader for a shape whose medium it leaves out.
-WARNING = "': the medium inside it is ignored"
 # Bounces in the medium; beyond the second, paths may end early.
 MAX_DEPTH, RR_DEPTH = 128, 32
 # Rays start this share of the scene's extent above the surface, and rays of one launch.
@@ -34,8 +32,7 @@ def media_meshes(scene: Scene) -> np.ndarray:
     Returns:
         [M] bool.
     """
-    names = {w[len("shape '") : -len(WARNING)] for w in scene.warnings if w.endswith(WARNING)}
-    return np.array([mesh.name in names for mesh in scene.meshes], bool)
+    return np.array([mesh.medium for mesh in scene.meshes], bool)
 
 
 def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
