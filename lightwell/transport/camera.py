@@ -15,6 +15,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
+from lightwell.transport.first_surfaces import first_drawn, first_surface
 from lightwell.transport.interactions import upload
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
@@ -24,13 +25,9 @@ from lightwell.transport.radiance import LAUNCH, PathReport, direct, indirect, s
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared
-from lightwell.transport.tables import shape_index, shape_lookup, tables
+from lightwell.transport.tables import shape_index, shape_lookup
 from lightwell.transport.turned_source import TurnedEmitter
 
-# Surfaces with a larger null transmission than this are cut away, as a rasteriser does (glTF MASK).
-CUTOUT = 0.5
-# Cut-away surfaces and panes of glass that a camera ray passes at most.
-CUTOUTS = 16
 # Samples per pixel of the guides of a denoiser.
 GUIDE_SAMPLES = 4
 
@@ -300,7 +297,7 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         pixel = at + lane // size
         rng = random_streams(seed, pixel, skip + lane % size)
         ray = camera_rays(camera, width, height, pixel, mi.Point2f(rng.next_float32(), rng.next_float32()))
-        si = scene.mi.ray_intersect(ray)
+        si, ray = first_drawn(scene, ray)
         L = si.emitter(scene.mi).eval(si)
         if variable is not None:
             L += tint * _lit(scene.mi, si, ray, declared(variable, source, scene), rng, depths)
@@ -345,38 +342,6 @@ def camera_rays(camera: Camera, width: int, height: int, pixel: mi.UInt32, offse
     y = 1 - 2 * (mi.Float(pixel // w) + offset.y) / h
     d = dr.normalize(axes[0] * x + axes[1] * y + axes[2])
     return mi.Ray3f(upload(mi.Point3f, np.asarray([camera.position])), d)
-
-
-def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
-    """Find the first surface that is neither cut away nor glass, which rays pass without refraction.
-
-    Args:
-        scene: The scene.
-        ray: [N] rays.
-
-    Returns:
-        What the rays meet, and the rays that meet it: they begin behind what they have passed, [N] each.
-    """
-    return _first_surface(scene.mi, shape_lookup(scene), mi.Bool(tables(scene).looked_through), ray)
-
-
-@dr.syntax
-def _first_surface(geometry, lookup, clear, ray):
-    ray = mi.Ray3f(ray)
-    pi = geometry.ray_intersect_preliminary(ray, coherent=True)
-    passed = mi.UInt32(0)
-    active = pi.is_valid()
-    while active:
-        si = pi.compute_surface_interaction(ray, mi.RayFlags.All, active)
-        glass = dr.gather(mi.Bool, clear, shape_index(lookup, pi.shape), active)
-        active &= glass | (dr.mean(si.bsdf().eval_null_transmission(si, active)) > CUTOUT)
-        active &= passed < CUTOUTS
-        if active:
-            ray = si.spawn_ray(ray.d)
-            pi = geometry.ray_intersect_preliminary(ray, active=active)
-        active &= pi.is_valid()
-        passed += 1
-    return pi, ray
 
 
 def _launches(pixels: int, spp: int):

@@ -7,7 +7,8 @@ import numpy as np
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable
-from lightwell.transport.camera import camera_rays, first_surface
+from lightwell.transport.camera import camera_rays
+from lightwell.transport.first_surfaces import first_surface
 from lightwell.transport.interactions import upload
 from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams

@@ -56,14 +56,10 @@ class LampSources:
             nothing shines.
         """
         size = dr.gather(mi.UInt32, self._size, group, active)
-        first, count = dr.gather(mi.UInt32, self._first, group, active), mi.Float(size)
+        first = dr.gather(mi.UInt32, self._first, group, active)
 
         def propose(at: mi.Point2f) -> Any:
-            index = first + dr.minimum(mi.UInt32(at.x * count), size - 1)
-            emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, self._emitter, index, active))
-            ds, weight = emitter.sample_direction(it, u, active)
-            ds.pdf /= count
-            return ds, weight * count
+            return _any_of(self._emitter, (first, size), it, at.x, u, active)
 
         ds, weight = resampled(propose, it, mi.Point2f(number, u.x), candidates(size), active)
         good = active & (ds.pdf > 0)
@@ -151,15 +147,10 @@ class GroupEmitters:
 
     def _propose(self, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> Any:
         """Sample a direction to an emitter that the first number chooses; see ``resampling.Propose``."""
-        count = mi.Float(self.size)
-        place = u.x * count
-        index = dr.minimum(mi.UInt32(place), self.size - 1)
-        emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, self.emitter, index, active))
+        place = u.x * mi.Float(self.size)
         # What is left of the number chooses the place on the emitter.
-        rest = mi.Point2f(dr.clip(place - mi.Float(index), 0, 1 - 1e-6), u.y)
-        ds, weight = emitter.sample_direction(si, rest, active)
-        ds.pdf /= count
-        return ds, weight * count
+        rest = mi.Point2f(dr.clip(place - dr.floor(place), 0, 1 - 1e-6), u.y)
+        return _any_of(self.emitter, (mi.UInt32(0), self.size), si, u.x, rest, active)
 
     def hit(
         self,
@@ -189,3 +180,24 @@ class GroupEmitters:
         share = nominal(candidates(self.size)) / mi.Float(self.size)
         pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) * share
         return dr.select(lit, ds.emitter.eval(si, lit), 0), dr.select(lit & ~delta_prev, pdf, 0)
+
+
+def _any_of(
+    pointers: mi.UInt32,
+    rows: tuple[mi.UInt32, mi.UInt32],
+    it: mi.Interaction3f,
+    number: mi.Float,
+    u: mi.Point2f,
+    active: mi.Bool,
+) -> Any:
+    """Sample a direction to one of some emitters, all with the same chance; see ``resampling.Propose``.
+
+    ``rows``: the first of their pointers, and how many there are; ``number`` in [0, 1) chooses, ``u`` takes the place.
+    """
+    first, size = rows
+    count = mi.Float(size)
+    index = first + dr.minimum(mi.UInt32(number * count), size - 1)
+    emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, pointers, index, active))
+    ds, weight = emitter.sample_direction(it, u, active)
+    ds.pdf /= count
+    return ds, weight * count

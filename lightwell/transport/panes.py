@@ -5,8 +5,8 @@ BSDF finds, goes on behind them, weakened by what they let through. Shadow rays 
 would find behind a pane, rays that the BSDF chooses have found already.
 
 Refraction is left out: glass bends no shadow ray and focuses no light. A pane of glass lets 1 - F of the light through,
-times its colour and its transmission, with F by Fresnel's equations for the index of refraction 1.5. A solid body does so
-at each of its two surfaces, with the square root of both.
+times its colour and its transmission, with F by Fresnel's equations for the index of refraction 1.5. A solid body does
+so at each of its two surfaces, with the square root of both.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.scenes.viewpoints import camera_frame
-from lightwell.transport.camera import first_surface
+from lightwell.transport.first_surfaces import first_surface
 from lightwell.transport.interactions import upload
 from lightwell.transport.point_rejection import room
 from lightwell.transport.samples import SurfacePoints

@@ -86,8 +86,6 @@ def draw_surface(
 ) -> SurfaceDraw:
     """Draw points, area-uniform over all sides that border on air; the same seed gives the same points.
 
-    Clear glass has none: the rasteriser draws what lies behind it.
-
     Args:
         scene: Scene with M meshes.
         count: Number of points, ≥ 1.

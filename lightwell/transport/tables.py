@@ -48,6 +48,8 @@ class SceneTables:
     """[M] bool: light passes through (glass, masks)."""
     clear: np.ndarray
     """[M] bool: clear glass, which light passes in a straight line; none where all is looked through."""
+    culled: np.ndarray
+    """[M] bool: rasterisers draw the front alone, so that pictures show what lies behind the back."""
     looked_through: np.ndarray
     """[M] bool: glass, clear or frosted, which pictures show as if it were not there; none where all is such glass."""
 
@@ -99,6 +101,7 @@ def _build(scene: Scene) -> SceneTables:
         volume=np.where(shell | ~one_way, 0, turn),
         transmissive=~one_way,
         clear=clear,
+        culled=np.array([not scene.materials[mesh.material].double_sided for mesh in scene.meshes], bool),
         looked_through=looked_through,
     )
 

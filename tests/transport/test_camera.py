@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,19 @@ def test_cut_away_surfaces_are_looked_through():
     scene = rooms.build("curtain", [*rooms.room_walls(), curtain], [rooms.diffuse(rooms.WHITE)] * 5 + [mask])
     points, mask, _ = gbuffer(scene, rooms.Camera((0, 1, 3), (0, 1, 0), fov_y=20), 8, 8)
     assert mask.all() and (points.shape == 2).all()
+
+
+@pytest.mark.parametrize("double_sided", [False, True])
+def test_backs_of_one_sided_walls_are_looked_through(double_sided, roaming):
+    # A closed room from outside: rasterisers cull the near wall, which lets no light in all the same.
+    front = rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))
+    scene = rooms.build("doll's house", [*rooms.room_walls(), front], [rooms.diffuse(rooms.WHITE)] * 6)
+    scene.materials[0] = replace(scene.materials[0], double_sided=double_sided)
+    camera = rooms.Camera((0, 1, 3), (0, 1, 0), fov_y=20)
+    points, mask, _ = gbuffer(scene, camera, 8, 8)
+    assert mask.all() and (points.shape == (5 if double_sided else 2)).all()
+    lit = total_image(scene, camera, LIGHT, roaming, 8, 8, 64).mean()
+    assert lit < 1e-9 if double_sided else lit > 0.01
 
 
 def test_pictures_agree(cornell, roaming):

@@ -22,8 +22,10 @@ ROOM = """<scene version="3.0.0">
   <shape type="rectangle" id="pane"><bsdf type="{glass}"/></shape>
 </scene>"""
 UNDER_SKY = """<scene version="3.0.0">
-  <shape type="rectangle"><bsdf type="thindielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>
-  <shape type="sphere"><point name="center" x="0" y="0" z="-50"/><bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+  <shape type="rectangle">
+    <bsdf type="thindielectric"><float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/></bsdf></shape>
+  <shape type="sphere"><point name="center" x="0" y="0" z="-50"/>
+    <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
   <emitter type="constant"><rgb name="radiance" value="1"/></emitter>
 </scene>"""
 CAMERA = Camera(position=(0.0, 0.0, 1.5), target=(0.0, 0.0, 0.0), fov_y=30.0)

@@ -140,8 +140,8 @@ def test_a_blended_surface_shines_as_if_it_covered_all(roaming):
 
 @pytest.mark.parametrize("roughness", [0.0, 0.5])
 def test_glass_shines_by_what_it_reflects(roaming, roughness):
-    # What is seen through it, sharp or blurred, is the rasteriser's. Its index of refraction is nearly 1, so that the rest is
-    # its diffuse light: 1 - transmission of that of an opaque plate.
+    # What is seen through it, sharp or blurred, is the rasteriser's. Its index of refraction is nearly 1, so that the
+    # rest is its diffuse light: 1 - transmission of that of an opaque plate.
     walls = rooms.room_walls()
     plate = rooms.quad("plate", (-0.01, 1.0, -0.01), (0, 0, 0.02), (0.02, 0, 0))
     found = []

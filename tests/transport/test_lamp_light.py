@@ -83,7 +83,9 @@ def test_glass_has_the_light_that_it_reflects():
     scene = build("frosted", meshes, bsdfs, [None] * (len(room.meshes) - 2) + [*glow, None])
     everywhere = draw_surface(scene, 4096, 3, floor=256).points
     points = everywhere[np.flatnonzero(everywhere.shape == len(meshes) - 1)]
-    shares = LampLight(Radiosity(scene, everywhere, 4, 1024), group_lamps(scene, parse_lamps(())), 5).shares(points, 64, 6)
+    shares = LampLight(Radiosity(scene, everywhere, 4, 1024), group_lamps(scene, parse_lamps(())), 5).shares(
+        points, 64, 6
+    )
     a, b = static(scene, points, 256, 7)
     reference, found = 0.5 * (a + b), shares.radiance.sum(axis=1)
     np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
