@@ -124,22 +124,24 @@ def _shape(mesh: Mesh, material: Material, factory: Bsdfs | None, own_bsdf: Any,
     """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh. Without a factory the BSDF
     is one that a factory has made."""
     uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
-    colors = None
+    colors = alpha = None
     if mesh.colors is not None:
         # With a texture, the factor is multiplied into the texture; without one, into the vertex colours here.
         factor = 1 if material.base_color_texture is not None else np.array(material.base_color[:3], np.float32)
         colors = mesh.colors[:, :3] * factor
+        if material.alpha_mode == "BLEND" and mesh.colors[:, 3].min() < 1:
+            alpha = np.clip(mesh.colors[:, 3:], 0, 1)
     if own_bsdf is None or factory is None:
         mirrored = mirrored_uv(mesh, uv)
         if factory is not None:
-            own_bsdf = factory(mesh.material, colors=colors is not None, mirrored=mirrored)
+            own_bsdf = factory(mesh.material, colors=colors is not None, alpha=alpha is not None, mirrored=mirrored)
         # Mitsuba generates coordinates for a mesh without any; viewers sample the texture at (0, 0).
         if uv is None and textures(material):
             uv = np.zeros((len(mesh.positions), 2), np.float32)
     if own_light is None and max(material.emissive) > 0:
         own_light, emission = area_light(material)
         mesh = replace(mesh, emission=emission)
-    shape = mitsuba_mesh(mesh, own_bsdf, emitter=own_light, uv=uv, colors=colors)
+    shape = mitsuba_mesh(mesh, own_bsdf, emitter=own_light, uv=uv, colors=colors, alpha=alpha)
     return mesh, shape
 
 

@@ -73,14 +73,18 @@ class Bsdfs:
         # One Mitsuba texture per (image, layout, use).
         self._textures: dict[tuple[Any, ...], Any] = {}
 
-    def __call__(self, index: int, *, colors: bool, mirrored: bool) -> Any:
-        """Return the BSDF of material ``index`` for a mesh with vertex ``colors``; ``mirrored``: mirrored texture."""
+    def __call__(self, index: int, *, colors: bool, alpha: bool, mirrored: bool) -> Any:
+        """Return the BSDF of material ``index`` for a mesh.
+
+        ``colors``, ``alpha``: the mesh has the attributes ``vertex_color``, ``vertex_alpha``; ``mirrored``: its texture
+        is mirrored.
+        """
         material = self._materials[index]
-        key = (index, colors, mirrored and material.normal_texture is not None)
+        key = (index, colors, alpha, mirrored and material.normal_texture is not None)
         if key not in self._built:
             if not any(built[0] == index for built in self._built):
                 self._warn_of(material)
-            self._built[key] = self._build(material, colors, mirrored)
+            self._built[key] = self._build(material, colors, alpha, mirrored)
         return self._built[key]
 
     def _warn_of(self, material: Material) -> None:
@@ -94,7 +98,7 @@ class Bsdfs:
         if material.unlit:
             self._warn(f"material '{name}': unlit; the path tracer treats it as an ordinary lit surface")
 
-    def _build(self, material: Material, colors: bool, mirrored: bool) -> Any:
+    def _build(self, material: Material, colors: bool, alpha: bool, mirrored: bool) -> Any:
         transmissive = material.transmission > 0
         thin = transmissive and material.thickness == 0
         bsdf = mi.load_dict(self._thin(material, colors) if thin else self._solid(material, colors))
@@ -103,7 +107,7 @@ class Bsdfs:
             bsdf = mi.load_dict({"type": "normalmap", "normalmap": relief, "nested": bsdf})
         if not transmissive:
             bsdf = mi.load_dict({"type": "twosided", "nested": bsdf})
-        if (opacity := self._opacity(material)) is not None:
+        if (opacity := _with_vertices(self._opacity(material), alpha)) is not None:
             bsdf = mi.load_dict({"type": "mask", "opacity": opacity, "nested": bsdf})
         return bsdf
 
@@ -195,3 +199,14 @@ class Bsdfs:
         if key not in self._textures:
             self._textures[key] = bitmap(pixels(), texture)
         return self._textures[key]
+
+
+def _with_vertices(opacity: Any, alpha: bool) -> Any:
+    """Opacity of a material, times that of the vertices where they have one; None where all is opaque."""
+    if not alpha:
+        return opacity
+    vertices = {"type": "mesh_attribute", "name": "vertex_alpha"}
+    if opacity is None:
+        return vertices
+    factor = {"type": "uniform", "value": opacity} if isinstance(opacity, float) else opacity
+    return {"type": "lightwell_product", "a": factor, "b": vertices}

@@ -140,7 +140,13 @@ def mirrored_uv(mesh: Mesh, uv: np.ndarray | None) -> bool:
 
 
 def mitsuba_mesh(
-    mesh: Mesh, bsdf: Any, *, emitter: Any = None, uv: np.ndarray | None = None, colors: np.ndarray | None = None
+    mesh: Mesh,
+    bsdf: Any,
+    *,
+    emitter: Any = None,
+    uv: np.ndarray | None = None,
+    colors: np.ndarray | None = None,
+    alpha: np.ndarray | None = None,
 ) -> Any:
     """Make an ``mi.Mesh`` of a record, with the same vertices and triangles in the same order.
 
@@ -150,6 +156,7 @@ def mitsuba_mesh(
         emitter: Mitsuba area emitter of the surface, or None.
         uv: [V, 2] the only set of texture coordinates that Mitsuba gets, or None.
         colors: [V, 3] mesh attribute ``vertex_color``, or None.
+        alpha: [V, 1] mesh attribute ``vertex_alpha``, or None.
 
     Returns:
         The ``mi.Mesh``.
@@ -178,4 +185,6 @@ def mitsuba_mesh(
     params.update()
     if colors is not None:
         result.add_attribute("vertex_color", 3, np.ascontiguousarray(colors, np.float32).ravel())
+    if alpha is not None:
+        result.add_attribute("vertex_alpha", 1, np.ascontiguousarray(alpha, np.float32).ravel())
     return result

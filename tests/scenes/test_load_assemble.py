@@ -171,3 +171,17 @@ def test_what_the_path_tracer_cannot_do_is_said():
 def test_blended_emission_is_blended(mode, expected):
     material = Material("glow", base_color=(1, 1, 1, 0.25), emissive=(2.0, 2.0, 2.0), alpha_mode=mode)
     assert area_light(material)[1] == pytest.approx((expected,) * 3)
+
+
+@pytest.mark.parametrize("mode, passed", [("OPAQUE", 0.0), ("BLEND", 0.7)])
+@pytest.mark.parametrize("factor", [1.0, 0.5])
+def test_alpha_of_vertices_is_blended(mode, passed, factor):
+    # From 0.6 on one side to 0 on the other: 0.3 in the middle.
+    colors = np.ones((4, 4), np.float32)
+    colors[:, 3] = np.where(SQUARE[:, 0] > 0, 0.6, 0.0)
+    material = Material("sheet", base_color=(1, 1, 1, factor), alpha_mode=mode)
+    scene = assemble("s", [floor(colors=colors)], [material])
+    si = scene.mi.ray_intersect(mi.Ray3f([0.0, 1, 0.2], [0, -1, 0]))
+    through = np.array(si.bsdf().eval_null_transmission(si)).ravel()
+    expected = 1 - (1 - passed) * factor if mode == "BLEND" else 0.0
+    np.testing.assert_allclose(through, expected, atol=1e-5)
