@@ -49,9 +49,10 @@ def path_traced(scene: Scene, variable: Variable, seen: bool) -> Samples:
     return collect(scene, variable, draw.points, lights, SETTINGS.paths, 3, weight=draw.weight)
 
 
-def gathered(scene: Scene, variable: Variable) -> Samples:
-    """Samples as a bake makes them."""
-    make = GatheredShards(scene, variable, SETTINGS, GatherSize.of(GATHERED, SETTINGS))
+def gathered(scene: Scene, variable: Variable, traced: bool) -> Samples:
+    """Samples from bins alone, or as a bake makes them: with once reflected light ``traced``."""
+    size = GatherSize.of(GATHERED, SETTINGS)
+    make = GatheredShards(scene, variable, SETTINGS, size if traced else replace(size, paths=0))
     parts = [make(scene, variable, None, SETTINGS, k)[0] for k in range(GATHERED)]
     columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     query = Query(**{name: columns[name] for name in Query.__dataclass_fields__ if name in columns})
@@ -74,7 +75,8 @@ def variants() -> dict[str, tuple[str, FactoredPreset]]:
         "four levels": ("gathered", matte),
         "mirrored ray": ("gathered", adam),
         "Adam for hash grids": ("gathered", squared),
-        "loss with the power 1.5 (default)": ("gathered", default),
+        "loss with the power 1.5": ("gathered", default),
+        "once reflected light traced (default)": ("traced", default),
     }
 
 
@@ -102,7 +104,8 @@ def of_scene(name: str, source: str, out: Path) -> dict[str, dict]:
     make: dict[str, Callable[[], Samples]] = {
         "area": lambda: path_traced(scene, variable, False),
         "seen": lambda: path_traced(scene, variable, True),
-        "gathered": lambda: gathered(scene, variable),
+        "gathered": lambda: gathered(scene, variable, False),
+        "traced": lambda: gathered(scene, variable, True),
     }
     made: dict[str, Samples] = {}
     for variant, (kind, preset) in missing.items():

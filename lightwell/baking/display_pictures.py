@@ -165,7 +165,7 @@ def denoised(scene: Scene, view: ViewReference, size: tuple[int, int]) -> np.nda
         return noisy
     query = make_query(scene, view.points, np.zeros(3, np.float32))
     image = SeenPixels(view.seen, (size[1], size[0]))
-    clean = denoise(image(noisy), image(np.clip(query.reflectance, 0, 1)), image(query.normal))
+    clean = denoise(image(noisy), image(np.clip(query.reflectance, 0, 1)), image(query.shading_normal))
     return clean.reshape(-1, 3)[view.seen]
 
 

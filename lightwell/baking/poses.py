@@ -138,7 +138,10 @@ def _draw_scored(scene: Scene, drawn: LitPoints) -> tuple[SurfacePoints, np.ndar
         return draw.points, draw.weight
     poses = scored_poses(len(scene.movers))
     share = max(drawn.count // len(poses), 1)
-    draws = [draw_surface(posed(scene, pose), share, drawn.seed + k, core=drawn.core) for k, pose in enumerate(poses)]
+    draws = [
+        draw_surface(posed(scene, pose), share, drawn.seed + k, core=drawn.core, shown=True)
+        for k, pose in enumerate(poses)
+    ]
     points = [at_pose(draw.points, pose) for draw, pose in zip(draws, poses)]
     return _joined(points), np.concatenate([draw.weight for draw in draws])
 
@@ -156,7 +159,7 @@ def swept_points(scene: Scene, count: int, poses: int, seed: int) -> tuple[Surfa
         The points, pose by pose, and how many of them are of one pose.
     """
     middle = np.full(len(scene.movers), 0.5)
-    points = draw_surface(posed(scene, middle), count, seed, floor=0).points
+    points = draw_surface(posed(scene, middle), count, seed, floor=0, shown=True).points
     still = points[np.flatnonzero(~np.isin(points.shape, moving_meshes(scene.movers)))]
     chain = np.tile(middle, (len(held_out_chain(poses)), 1))
     chain[:, 0] = held_out_chain(poses)
@@ -236,7 +239,7 @@ def leak_facts(
     for stop, other in ((0.0, 1.0), (1.0, 0.0)):
         end, back = first.copy(), first.copy()
         end[mover], back[mover] = stop, other
-        drawn = draw_surface(posed(scene, end), budget.points, EVALUATION_SEED + 7).points
+        drawn = draw_surface(posed(scene, end), budget.points, EVALUATION_SEED + 7, shown=True).points
         still = drawn[np.flatnonzero(~np.isin(drawn.shape, moving_meshes(scene.movers)))]
         here, there = at_pose(still, end), at_pose(still, back)
         lights = np.broadcast_to(np.asarray(light, np.float32), (len(still), 3))

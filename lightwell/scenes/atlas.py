@@ -254,22 +254,26 @@ def charted(scene: Scene, atlas: Atlas) -> Scene:
     """Make a scene whose meshes have ``uv1`` from an atlas, vertices split along chart borders.
 
     A sheet whose two sides have different coordinates becomes two meshes of opposite winding. Both are culled from
-    behind: in the same place, each would otherwise cover the other.
+    behind: in the same place, each would otherwise cover the other. A solid with a medium becomes opaque: its light map
+    holds what comes through it.
 
     Args:
         scene: Scene that was unwrapped.
         atlas: Its atlas.
 
     Returns:
-        The scene: its materials are those of ``scene`` and behind them the culled ones.
+        The scene: its materials are those of ``scene`` and behind them the changed ones.
     """
     meshes: list[Mesh] = []
     materials = list(scene.materials)
     culled: dict[int, int] = {}
     for number, mesh in enumerate(scene.meshes):
+        if mesh.medium:
+            materials.append(replace(materials[mesh.material], transmission=0.0, thickness=0.0))
+            mesh = replace(mesh, material=len(materials) - 1)
         rows = slice(atlas.first[number], atlas.first[number + 1])
         twice = (atlas.chart[0, rows] >= 0) & (atlas.uv[0, rows] != atlas.uv[1, rows]).any(axis=(1, 2))
-        front, material = _main_uv(atlas, rows), scene.materials[mesh.material]
+        front, material = _main_uv(atlas, rows), materials[mesh.material]
         if not twice.any():
             meshes.append(_charted(mesh, mesh.indices, front, mesh.name))
             continue

@@ -198,7 +198,7 @@ def refine(
     """
     density = residual_density(scene, samples, predict(samples.query))
     point_seed, light_seed, mix_seed = (int(s) for s in np.random.SeedSequence([seed, 3]).generate_state(3))
-    pool = draw_surface(scene, POOL * count, point_seed, is_open=is_open, core=not room(scene))
+    pool = draw_surface(scene, POOL * count, point_seed, is_open=is_open, core=not room(scene), shown=True)
     lights = np.asarray((lights_fn or _default_lights(scene, variable))(LIGHT_POOL, light_seed), np.float32)
     return mixture(scene, density, pool, lights, count, mix_seed)
 

@@ -174,7 +174,7 @@ def reference_image(
 def guide_images(
     scene: Scene, camera: Camera, width: int, height: int, samples: int = GUIDE_SAMPLES
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render the guides of a denoiser: reflectance and normals of the first surfaces, antialiased.
+    """Render the guides of a denoiser: reflectance and normals of the first surfaces, with normal maps, antialiased.
 
     Args:
         scene: Scene to look at.
@@ -193,7 +193,7 @@ def guide_images(
         query = make_query(scene, points[seen], np.zeros(3, np.float32))
         albedo[~mask] += 1
         albedo[seen] += np.clip(query.reflectance, 0, 1)
-        normal[seen] += query.normal
+        normal[seen] += query.shading_normal
     return tuple(image.reshape(height, width, 3) / samples for image in (albedo, normal))
 
 

@@ -48,7 +48,7 @@ class LitPoints:
     """Rows one after the other that share a light; when all were used, the lights begin again."""
 
     def draw(self, scene: Scene) -> SurfaceDraw:
-        """Draw the P points.
+        """Draw the P points, without the backs of one-sided materials.
 
         Args:
             scene: The scene.
@@ -57,8 +57,8 @@ class LitPoints:
             The points, once, with their weights.
         """
         if self.seen and self.variable is not None:
-            return draw_seen(scene, self.variable, self.count, self.seed, floor=self.floor)
-        return draw_surface(scene, self.count, self.seed, floor=self.floor, core=self.core)
+            return draw_seen(scene, self.variable, self.count, self.seed, floor=self.floor, shown=True)
+        return draw_surface(scene, self.count, self.seed, floor=self.floor, core=self.core, shown=True)
 
     def repeated(self, points: SurfacePoints) -> SurfacePoints:
         """Repeat the points.

@@ -50,7 +50,7 @@ def draw_patches(scene: Scene, count: int, seed: int) -> SurfacePoints:
     Returns:
         P * ``POINTS`` points, patch by patch.
     """
-    centres = draw_surface(scene, CANDIDATES * count, seed, floor=0, core=True).points
+    centres = draw_surface(scene, CANDIDATES * count, seed, floor=0, core=True, shown=True).points
     wide = _triangle_area(scene, centres) > patch_radius(scene) ** 2
     centres = centres[np.flatnonzero(wide)]
     if not len(centres):

@@ -33,3 +33,5 @@ class PathSettings:
     connections: int
     launch: int = LAUNCH
     """Paths that are traced at a time, ≥ 2; bounds memory."""
+    past_mirrors: bool = False
+    """Mirrors, glass and holes behind the first vertex are passed without counting as a vertex."""

@@ -17,6 +17,7 @@ Papers: Kajiya 1986 (path tracing); Veach 1997 (multiple importance sampling, bi
 from __future__ import annotations
 
 from lightwell.backend import dr, mi
+from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import own_eval_pdf, own_sample
 from lightwell.transport.panes import first_stop
 from lightwell.transport.path_numbers import next_2d
@@ -27,6 +28,8 @@ from lightwell.transport.sources import Source
 MAX_DEPTH = 32
 # Paths of direct light alone.
 DIRECT_DEPTH = 2
+# Paths of light that was reflected once before it reaches the query point.
+FIRST_DEPTH = 3
 # Depth from which Russian roulette may end a path; Mitsuba's default.
 RR_DEPTH = 5
 # Vertices of a path, from the query point on, that are connected to the end of a light ray: all of them. Compared with
@@ -46,6 +49,7 @@ def trace(
     connections: int = CONNECTIONS,
     see_through: bool = True,
     one_bounce: bool = False,
+    past_mirrors: bool = False,
 ) -> mi.Spectrum:
     """Estimate the radiance leaving ``si`` towards ``si.wi`` that comes from ``source``; one path per lane.
 
@@ -65,6 +69,7 @@ def trace(
         see_through: Where ``si`` lies on a blended surface (alpha) or on glass, include what is seen through it.
             Off: the light of the surface alone, as if its coverage were 1; a rasteriser draws what is behind itself.
         one_bounce: ``max_depth`` is 2: where no ray can find the source, the kernel has no loop over further bounces.
+        past_mirrors: Directions that ``gather_rays.goes_straight`` calls so do not count as vertices behind the first.
 
     Returns:
         One estimate of the radiance per lane.
@@ -75,13 +80,14 @@ def trace(
     if ends:
         return L
     limits = (max_depth, rr_depth)
-    return _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
+    return _follow(scene, path, L, z, source, rng, limits, include_direct, connections, past_mirrors)
 
 
 @dr.syntax
-def _follow(scene, path, L, z, source, rng, limits, include_direct, connections):
+def _follow(scene, path, L, z, source, rng, limits, include_direct, connections, past_mirrors):
     """Follow paths from their first bounce; returns the radiance L with what they find."""
     max_depth, rr_depth = limits
+    passed = mi.UInt32(0)
     while dr.hint(path.active, label="lightwell radiance"):
         si = scene.ray_intersect(path.ray, mi.RayFlags.All, False, path.active)
         bsdf = si.bsdf(path.ray)
@@ -90,12 +96,13 @@ def _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
 
         if dr.hint(source.hits, mode="scalar"):
             Le, mis = path.meet(scene, si, source)
-            L += dr.select(mi.Bool(include_direct or source.first_hit) | (path.depth > 1), path.β * mis * Le, 0)
+            reflected = mi.Bool(include_direct or source.first_hit) | (path.depth > 1) | (passed > 0)
+            L += dr.select(reflected, path.β * mis * Le, 0)
 
         # ------------------ Emitter sampling, and next direction ------------------
 
         goes = path.active & si.is_valid() & (path.depth + 1 < max_depth)
-        rays = _ray_densities(path, si, connections) if source.emits and connections > 0 else None
+        rays = _ray_densities(path, si, connections, passed) if source.emits and connections > 0 else None
         light, sample, weight = _next_vertex(scene, si, bsdf, source, rng, goes, rays)
         L += path.β * light
         if dr.hint(source.emits and connections > 1, mode="scalar"):
@@ -109,12 +116,16 @@ def _follow(scene, path, L, z, source, rng, limits, include_direct, connections)
         path.β *= factor
         path.active = goes & alive
         path.depth += 1
+        if dr.hint(past_mirrors, mode="scalar"):
+            straight = goes_straight(sample) & (passed < PASSED)
+            passed += dr.select(straight, 1, 0)
+            path.depth -= dr.select(straight, 1, 0)
     return L
 
 
-def _ray_densities(path, si, connections):
+def _ray_densities(path, si, connections, passed):
     """Lanes that light rays could have found, if the vertex before was connected to them, and their density by area."""
-    both = (path.depth <= connections) & ~path.prev_delta
+    both = (path.depth <= connections) & ~path.prev_delta & (passed == 0)
     return both, path.prev_pdf * dr.abs(dr.dot(si.n, path.ray.d)) / dr.square(si.t)
 
 

@@ -23,7 +23,7 @@ from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, str
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
 from lightwell.transport.path_settings import PathSettings
-from lightwell.transport.paths import CONNECTIONS, DIRECT_DEPTH, MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.paths import CONNECTIONS, DIRECT_DEPTH, FIRST_DEPTH, MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
@@ -68,6 +68,29 @@ def indirect(
     light = np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))
     limits = PathSettings(paths, seed, max_depth, rr_depth, False, connections, launch)
     return _traced(scene, points, limits, variable, light, report, recipe)
+
+
+def first_reflection(
+    scene: Scene, points: SurfacePoints, light: np.ndarray, variable: Variable, paths: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trace the part of the indirect radiance that surfaces reflect which the light reaches in a straight line.
+
+    The points see these surfaces directly, or by mirrors, glass and holes. What is left is a final gather over the
+    indirect irradiance of surfaces (``radiosity``).
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: [N, 3] positions of the declared light, metres (directions to the sun).
+        variable: What the declared light is.
+        paths: Paths per point, even, ≥ 2; each half gets ``paths / 2``.
+        seed: Seed of the paths.
+
+    Returns:
+        Two independent means, [N, 3] float32 each; NaN where no path of a half is finite.
+    """
+    limits = PathSettings(paths, seed, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True)
+    return _traced(scene, points, limits, variable, np.asarray(light, np.float32), None)
 
 
 def direct(
@@ -245,7 +268,7 @@ def _launch(scene, device, source, settings, span, limits):
     si = gather_interaction(scene, device, row)
     first = stratified(shift, path, half)
     depths = (max_depth, rr_depth)
-    way = (limits.include_direct, limits.connections, False, limits.max_depth == DIRECT_DEPTH)
+    way = (limits.include_direct, limits.connections, False, limits.max_depth == DIRECT_DEPTH, limits.past_mirrors)
     L = trace(scene.mi, si, source(row), rng, first, *depths, *way)
     ok = dr.all(dr.isfinite(L))
     L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))

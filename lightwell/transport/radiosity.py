@@ -43,9 +43,9 @@ PROBES, PROBE_POINTS = 16, 1 << 16
 LIT_PLACES = 1 << 20
 # Paths of a bin, and the most that a surface hands on: paths end by chance.
 BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
-# Where fewer than this share of the paths is left, a launch costs more than they are worth: then half of them end.
-# Among white walls many are left for long, and those that went on in their place would be spots of light.
-FEW, FEW_GO_ON = 0.1, 0.5
+# Where fewer than this share of the paths is left, a launch costs more than they are worth: then fewer go on, which
+# count so many times as much. They must not count more at each bounce: that would be spots of light.
+FEW, FEW_COUNT = 0.1, 4
 # Lanes of one launch.
 LANES = 1 << 20
 # Largest weight that is kept, below the largest half float.
@@ -171,9 +171,9 @@ class Radiosity:
                 part *= weight
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
-                # Every second path ends at once, and the others count twice, where half the light is left.
-                most = MOST_REFLECTED if len(row) > few else FEW_GO_ON
-                chance = np.minimum(BIN_PATHS * part.max(axis=1), most)
+                # Paths that go on count as much as at their begin, or FEW_COUNT times as much.
+                count = BIN_PATHS if len(row) > few else BIN_PATHS / FEW_COUNT
+                chance = np.minimum(count * part.max(axis=1), MOST_REFLECTED)
                 goes_on = random.random(len(row)) < chance
                 if not goes_on.any():
                     break

@@ -36,7 +36,9 @@ EYE_CANDIDATES, EYES = 8, 512
 SPARE, ROUNDS = 1.25, 6
 
 
-def draw_seen(scene: Scene, variable: Variable, count: int, seed: int, *, floor: int) -> SurfaceDraw:
+def draw_seen(
+    scene: Scene, variable: Variable, count: int, seed: int, *, floor: int, shown: bool = False
+) -> SurfaceDraw:
     """Draw surface points, mostly where cameras and rays from the air meet surfaces. Their weights are 1.
 
     Args:
@@ -45,6 +47,7 @@ def draw_seen(scene: Scene, variable: Variable, count: int, seed: int, *, floor:
         count: Points.
         seed: The same seed gives the same points.
         floor: Points per visible object at least, among the area-uniform ones.
+        shown: Without the backs of one-sided materials among those.
 
     Returns:
         The points in random order; all area-uniform where no camera can stand.
@@ -54,7 +57,7 @@ def draw_seen(scene: Scene, variable: Variable, count: int, seed: int, *, floor:
         _met(scene, int(CAMERA_SHARE * count), random, _camera_rays(scene, variable, seed)),
         _met(scene, int(AIR_SHARE * count), random, _air_rays(scene, variable, random)),
     ]
-    area = draw_surface(scene, count - sum(map(len, parts)), seed, floor=floor, core=not room(scene))
+    area = draw_surface(scene, count - sum(map(len, parts)), seed, floor=floor, core=not room(scene), shown=shown)
     points = _join([*parts, area.points])
     order = random.permutation(len(points))
     return replace(area, points=points[order], weight=np.ones(len(points), np.float32))

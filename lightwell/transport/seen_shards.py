@@ -27,6 +27,8 @@ ADAPTIVE_STREAM = 1 << 20
 SHARED_STREAM, STREAMS = 0x6A, 4
 # Rays of a point, and the lights whose bins are lit.
 RAYS, MOST_LIGHTS = 128, 2048
+# Paths of a sample that look for the once reflected light of a lamp: noise against shards in the same time.
+PATHS = 32
 # Most points with rows and bins; small bakes have fewer of each in proportion.
 MOST_POINTS, MOST_BINS = 1 << 18, 16384
 FEWEST_POINTS, FEWEST_BINS, FEWEST_LIGHTS = 1 << 12, 512, 64
@@ -43,6 +45,8 @@ class GatherSize:
     lights: int
     rays: int = RAYS
     """Rays of a point, even."""
+    paths: int = PATHS
+    """Paths of a sample that look for the once reflected light of a lamp, even; 0: it is gathered too."""
 
     @staticmethod
     def of(shards: int, settings: ShardSettings, rays: int = RAYS) -> GatherSize:
@@ -227,7 +231,7 @@ def seen_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> In
     points, radiosity = made_of.make(scene)
     if settings["other"]:
         count, seed, floor = settings["other"]
-        points = draw_seen(scene, made_of.variable, count, seed, floor=floor).points
+        points = draw_seen(scene, made_of.variable, count, seed, floor=floor, shown=True).points
     if settings["rows"]:
         first, count = settings["rows"]
         points = points[(first + np.arange(count)) % len(points)]

@@ -185,7 +185,7 @@ def surface_pool(scene: Scene, variable: Variable, settings: ShardSettings, numb
 
     def draw() -> SurfaceDraw:
         seed = int(np.random.SeedSequence([settings.seed, number, 1]).generate_state(1)[0])
-        return draw_seen(scene, variable, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor)
+        return draw_seen(scene, variable, POOL_SIZE * settings.size, seed, floor=POOL_SIZE * settings.floor, shown=True)
 
     return scene.cache.get(POOLS, draw, (number, variable, settings))
 

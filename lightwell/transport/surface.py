@@ -83,6 +83,7 @@ def draw_surface(
     report: Rejection | None = None,
     only: np.ndarray | None = None,
     core: bool = False,
+    shown: bool = False,
 ) -> SurfaceDraw:
     """Draw points, area-uniform over all sides that border on air; the same seed gives the same points.
 
@@ -95,6 +96,7 @@ def draw_surface(
         report: Receives the counts of dropped candidates, by reason.
         only: [M] bool: meshes to draw from; None: all.
         core: Draw from the core of the scene alone, without its dome of sky and far ground.
+        shown: Without the backs of one-sided materials, which reflect light but are never drawn.
 
     Returns:
         ``count`` points with weights, in random order.
@@ -102,7 +104,7 @@ def draw_surface(
     report = Rejection() if report is None else report
     pieces = of_core(scene) if core else whole(scene)
     area = pieces.mesh_area
-    source = _Candidates(scene, seed, is_open, report, only, pieces)
+    source = _Candidates(scene, seed, is_open, report, only, pieces, shown)
     points = source.take(count)
     _, found = np.unique(points.shape, return_counts=True)
     floor = min(floor, int(FLOOR_SHARE * count / max(len(found), 1)))
@@ -113,6 +115,11 @@ def draw_surface(
     weight = (share * count / np.maximum(taken, 1))[points.shape]
     order = np.random.default_rng([seed, 1]).permutation(len(points))
     return SurfaceDraw(points[order], weight[order].astype(np.float32), visible, report)
+
+
+def _culled(scene: Scene, points: SurfacePoints) -> np.ndarray:
+    """[N] bool: viewed from the back of a one-sided material."""
+    return tables(scene).culled[points.shape] & (dot(frames(scene, points)[2], points.view)[:, 0] < 0)
 
 
 def _with_floor(points: SurfacePoints, source: _Candidates, floor: int) -> SurfacePoints:
@@ -143,10 +150,11 @@ class _Candidates:
     """A seeded stream of accepted points on chosen meshes."""
 
     def __init__(
-        self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None, pieces: Pieces
-    ) -> None:
+        self, scene: Scene, seed: int, is_open: bool | None, report: Rejection, only: np.ndarray | None, pieces: Pieces,
+        shown: bool,
+    ) -> None:  # fmt: skip
         meshes, area = len(scene.meshes), pieces.mesh_area
-        self.pieces = pieces
+        self.pieces, self.shown = pieces, shown
         self.area = area if only is None else np.where(only, area, 0)
         self.scene, self.seed, self.is_open, self.report = scene, seed, is_open, report
         self.accepted, self.tried = np.zeros((2, meshes), np.int64)
@@ -163,7 +171,10 @@ class _Candidates:
             if have >= count:
                 return _join(parts)[np.arange(count)]
             if not have and tried >= HOPELESS:
-                break
+                if not self.shown:
+                    break
+                # A scene that is seen from behind alone: better its backs than nothing.
+                self.shown = False
         raise ValueError(
             f"transport: scene '{self.scene.name}' has no surface that sees air ({self.report}); "
             "turn its normals to the air, move its cameras out of the walls or pass is_open=True"
@@ -194,6 +205,7 @@ class _Candidates:
         size = 1 << (int(np.clip(size, 256, ROUND)) - 1).bit_length()
         points = candidates(self.scene, numbers.random(size), self.pieces, mass)
         keep = reject(self.scene, points, is_open=self.is_open, seed=self.seed, report=self.report)
+        keep &= ~(self.shown & _culled(self.scene, points))
         self.tried += np.bincount(points.shape, minlength=len(mass))
         self.accepted += np.bincount(points.shape[keep], minlength=len(mass))
         return points[keep]

@@ -10,6 +10,7 @@ from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.trace import chart
 from lightwell.fields.lightmap.views import eye_samples
 from lightwell.scenes import load
+from lightwell.scenes.atlas import charted
 from lightwell.transport.radiance import static
 from lightwell.transport.surface import draw_surface
 
@@ -53,3 +54,10 @@ def test_targets_hold_the_light_that_left_the_medium(wax):
 def test_odd_paths_are_refused(wax):
     with pytest.raises(ValueError, match="expected an even number"):
         volumetric(wax, draw_surface(wax, 8, 0).points, 3, 0)
+
+
+def test_a_solid_with_a_medium_is_written_as_opaque(wax):
+    made = charted(wax, chart(wax, 32, 0, 4, 0).atlas)
+    (solid,) = (mesh for mesh in made.meshes if mesh.name == "wax")
+    assert made.materials[solid.material].transmission == 0
+    assert wax.materials[next(m.material for m in wax.meshes if m.name == "wax")].transmission == 1

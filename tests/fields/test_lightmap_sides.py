@@ -89,11 +89,19 @@ def test_a_closed_dark_room_does_not_read_the_light_outside():
     meshes = [closed, Mesh("lid", lid, np.uint32([[0, 2, 1], [0, 3, 2]]), 0)]
     meshes += [box("ground", (-20, -0.2, -20), (20, -0.1, 20), inwards=False, grid=8)]
     meshes += [box("post", (15, -0.1, 15), (15.5, 10, 15.5), inwards=False)]
-    scene = under_sky(assemble("closed", meshes, [Material("grey", (0.6, 0.6, 0.6, 1), metallic=0.0)]))
+    grey = Material("grey", (0.6, 0.6, 0.6, 1), metallic=0.0, double_sided=True)
+    scene = under_sky(assemble("closed", meshes, [grey]))
     sides = lit_sides(scene, 0)
     room = tables(scene).mesh_of == 0
     assert not sides.lit[0, room].any() and sides.dark[0, room].all()
     assert sides.lit[1, room].any()
+
+
+def test_backs_of_one_sided_materials_are_not_stored(scene):
+    whole = replace(scene, materials=[replace(m, double_sided=True) for m in scene.materials])
+    both, front = lit_sides(whole, 0), lit_sides(scene, 0)
+    assert both.lit[1].any() and not front.lit[1].any() and not front.dark[1].any()
+    np.testing.assert_array_equal(front.lit[0], both.lit[0])
 
 
 def test_the_floor_of_a_closed_dark_room_does_not_take_the_light_outside():

@@ -172,3 +172,22 @@ def test_points_on_some_meshes_only(cornell):
     # Both are walls of 4 m^2 that are seen from inside alone.
     assert np.mean(draw.points.shape == 1) == pytest.approx(0.5, abs=0.03)
     assert draw.visible_area[~only].sum() == 0
+
+
+def test_backs_of_one_sided_materials_can_be_left_out():
+    # A sheet in a room is seen from both sides; rasterisers draw one.
+    sheet = rooms.quad("sheet", (-0.5, 0.5, 0), (1, 0, 0), (0, 1, 0))
+    scene = rooms.build("sheet", [*rooms.room_walls(), sheet], [rooms.diffuse(rooms.WHITE)] * 6)
+    for shown, share in ((False, 0.5), (True, 0.0)):
+        points = draw_surface(scene, 4096, 1, floor=512, shown=shown).points
+        points = points[np.flatnonzero(points.shape == 5)]
+        assert np.mean(points.view[:, 2] < 0) == pytest.approx(share, abs=0.05)
+
+
+def test_what_is_seen_from_behind_alone_keeps_its_backs():
+    # A sheet on a box, turned towards it: nothing sees its front.
+    sheet = rooms.quad("sheet", (-1, 1, -1), (2, 0, 0), (0, 0, 2))
+    block = rooms.box("block", (-2, 0, -2), (2, 1, 2))
+    scene = rooms.build("backs", [sheet, block], [rooms.diffuse(rooms.WHITE)] * 2)
+    draw = draw_surface(scene, 256, 1, floor=0, is_open=True, only=np.array([True, False]), shown=True)
+    assert (draw.points.shape == 0).all() and (draw.points.view[:, 1] > 0).all()

@@ -100,7 +100,8 @@ def lit_sides(scene: Scene, seed: int, seconds: float | None = None) -> Triangle
     glass = tables(scene).clear[tables(scene).mesh_of]
     lit, least = _bright(scene, seen & ~glass & groups.tested, DARK_PATHS, 0.0, seed, seconds)
     # Sides that nobody sees and no light reaches are dark too: the inside of a closed room must not read its outside.
-    hidden = _before_rooms(scene, ~seen & ~glass & groups.tested & (tables(scene).area > 0))
+    hidden = ~seen & ~culled_sides(scene) & ~glass & groups.tested & (tables(scene).area > 0)
+    hidden = _before_rooms(scene, hidden)
     reached, _ = _bright(scene, hidden, DARK_PATHS[:2], least, seed + len(DARK_PATHS), seconds)
     lit = flat_neighbours(scene, groups.spread(lit)) & seen & ~glass
     dark = (seen & ~lit) | groups.spread(hidden & ~flat_neighbours(scene, groups.spread(reached)))
@@ -252,6 +253,8 @@ def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
 def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
     """Find the sides of which some point can be seen, even a narrow strip behind other geometry.
 
+    The backs of one-sided materials are never drawn, and not among them unless nothing else is.
+
     Args:
         scene: T triangles.
         seed: Seed of the sampler.
@@ -270,7 +273,22 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
         points, row = spread(scene, side, triangle, VISIBILITY_RAYS, seed)
         found = row[reject(scene, points, seed=seed)]
         seen[side[found], triangle[found]] = True
-    return groups.spread(seen)
+    seen = groups.spread(seen)
+    drawn = seen & ~culled_sides(scene)
+    return drawn if drawn.any() else seen
+
+
+def culled_sides(scene: Scene) -> np.ndarray:
+    """Find the backs of one-sided materials, which rasterisers do not draw.
+
+    Args:
+        scene: T triangles.
+
+    Returns:
+        [2, T] bool.
+    """
+    culled = tables(scene).culled[tables(scene).mesh_of]
+    return np.stack([np.zeros_like(culled), culled])
 
 
 def met_sides(

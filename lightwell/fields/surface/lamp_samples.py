@@ -235,7 +235,7 @@ class LampTracer:
         """
         scene, variable, count = self._state.scene, self._state.variable, count or VALIDATION_POINTS
         seed = int(self._seeds[4])
-        points = draw_seen(scene, variable, count, seed, floor=FLOOR).points
+        points = draw_seen(scene, variable, count, seed, floor=FLOOR, shown=True).points
         recipe = lambda *rows: self._seen.recipe(rows, (count, seed, FLOOR))  # noqa: E731
         return self._samples(points, VALIDATION_RAYS * self.rays, seed, recipe)
 

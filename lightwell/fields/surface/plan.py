@@ -18,7 +18,7 @@ from lightwell.core.work import WorkPart
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
 # Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
-GATHER_SHARE, TRACE_SHARE = 0.4, 0.25
+GATHER_SHARE, TRACE_SHARE = 0.4, 0.4
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.

@@ -1,0 +1,83 @@
+"""Once reflected light, traced for each sample, and what the bins hold beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lightwell.scenes.variables import PointLight
+from lightwell.transport.gathered_shards import GatheredShards
+from lightwell.transport.radiance import first_reflection, indirect
+from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.seen_shards import GatherSize
+from lightwell.transport.shards import ShardSettings
+from lightwell.transport.surface import draw_surface
+
+from . import rooms
+from .zscores import of_groups, z_test
+
+LIGHT = PointLight((-0.8, 0.2, -0.8), (0.8, 1.8, 0.8), 0.05)
+NEAR_A_WALL = (-0.9, 1.0, 0.0)
+
+
+def estimate(traced, points, groups: int = 32):
+    """Means and variances of points by groups of paths."""
+    rows = np.repeat(np.arange(len(points)), groups)
+    a, b = traced(points[rows])
+    return of_groups(np.stack([a, b], axis=1).reshape(len(points), 2 * groups, 3))
+
+
+def test_without_mirrors_it_is_the_light_of_paths_of_two_segments(cornell):
+    points = draw_surface(cornell, 32, 1, floor=2).points
+    place = np.tile(np.float32([NEAR_A_WALL]), (32 * len(points), 1))
+    found = estimate(lambda p: first_reflection(cornell, p, place, LIGHT, 128, 3), points)
+    truth = estimate(lambda p: indirect(cornell, p, place, LIGHT, 128, 4, max_depth=3), points)
+    passed, text = z_test(found - truth)
+    assert passed, text
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.05])
+def test_mirrors_show_what_the_light_reaches(alpha):
+    # A wall that mirrors: the light of the room behind the glass is that of an image of the room.
+    mirror = {"type": "conductor"} if alpha == 0 else {"type": "roughconductor", "alpha": alpha}
+    walls = rooms.room_walls()
+    bsdfs = [rooms.diffuse(rooms.WHITE)] * 4 + [{"type": "twosided", "bsdf": mirror}]
+    scene = rooms.build("mirrored", walls, bsdfs)
+    points = draw_surface(scene, 4096, 1, floor=64).points
+    points = points[np.flatnonzero(points.shape == 0)][:256]
+    place = np.tile(np.float32([[0.2, 1.0, 0.1]]), (len(points), 1))
+    mean = lambda pair: float(np.mean(pair))  # noqa: E731
+    straight = mean(indirect(scene, points, place, LIGHT, 256, 5, max_depth=3))
+    mirrored = mean(indirect(scene, points, place, LIGHT, 1024, 6, max_depth=4))
+    found = mean(first_reflection(scene, points, place, LIGHT, 256, 7))
+    # More than what is seen directly, less than all light of two reflections.
+    assert straight * 1.02 < found < mirrored
+
+
+def test_samples_beside_a_wall_are_right(cornell):
+    # A lamp 10 cm beside a wall, in bins of 30 cm.
+    light = PointLight((-0.9, 0.6, -0.3), (-0.9, 1.4, 0.3), 0.02)
+    settings = ShardSettings(paths=4, lights=64, points_per_light=32)
+    shards = GatheredShards(cornell, light, settings, GatherSize(8192, 512, 64, 64))
+    columns, counts = shards(cornell, light, None, settings, 0)
+    found = 0.5 * (columns["half_a"] + columns["half_b"])
+    rows = np.random.default_rng(0).permutation(len(found))[:512]
+    index = [np.flatnonzero((shards._query.position == columns["position"][row]).all(axis=1))[0] for row in rows]
+    truth = np.mean(indirect(cornell, shards.points[index], columns["light"][rows], light, 2048, 8), axis=0)
+    error = lambda y: np.sqrt(np.mean((y - truth) ** 2) / np.mean(truth**2))  # noqa: E731
+    table = shards.seen.radiosity.light(light, columns["light"][rows[:1]], 9)
+    assert table.irradiance.max() > 0 and counts["paths"]["paths"] > 32 * len(found)
+    assert found[rows].mean() == pytest.approx(truth.mean(), rel=0.05)
+    assert error(found[rows]) < 0.3
+
+
+def test_no_bin_is_a_spot_of_light_because_of_few_paths():
+    # A closed white room: what bins receive from each other is nearly even, however long the paths are.
+    walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]
+    scene = rooms.build("white", walls, [rooms.diffuse([0.85] * 3)] * len(walls))
+    radiosity = Radiosity(scene, draw_surface(scene, 16384, 1).points, 0, 4096)
+    even = np.ones((1, radiosity.bins.count + 1), np.float32)
+    received = radiosity.indirect(even)[0, :-1, 0]
+    # An irradiance of 1 everywhere is reflected to ρ / (1 - ρ).
+    assert received.mean() == pytest.approx(0.85 / 0.15, rel=0.1)
+    assert received.max() < 4 * received.mean()
