@@ -7,7 +7,6 @@ an angle is its irradiance. Maps hold suns, which few rays meet: points, where e
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -96,10 +95,11 @@ class TurnedShards(GatheredShards):
         behind = np.zeros((len(lit), CELLS if self._sky else 0, 3), np.float32)
         return Gather(self.seen.rows, np.concatenate([lit, behind], axis=1))
 
-    def _columns(self, point: np.ndarray, light: np.ndarray, weight: np.ndarray, paths: int) -> tuple[dict, dict]:
-        columns, counts = super()._columns(point, light, weight, paths)
-        state: list[Any] = [self._settings.seed, DIRECT_STREAM, int(point.sum()), int(light.sum())]
-        seed = int(np.random.SeedSequence(state).generate_state(1)[0])
+    def _columns(
+        self, point: np.ndarray, light: np.ndarray, weight: np.ndarray, paths: int, seed: int
+    ) -> tuple[dict, dict]:
+        columns, counts = super()._columns(point, light, weight, paths, seed)
+        seed = int(np.random.SeedSequence([seed, DIRECT_STREAM]).generate_state(1)[0])
         each = self._settings.paths
         straight = indirect(
             self._scene, self.points[point], self.lights[light], self._variable, each, seed, max_depth=DIRECT_DEPTH

@@ -7,6 +7,7 @@ import pytest
 
 from lightwell.scenes.variables import PointLight
 from lightwell.transport.gathered_shards import GatheredShards
+from lightwell.transport.queries import frames
 from lightwell.transport.radiance import first_reflection, indirect
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.seen_shards import GatherSize
@@ -62,7 +63,8 @@ def test_samples_beside_a_wall_are_right(cornell):
     columns, counts = shards(cornell, light, None, settings, 0)
     found = 0.5 * (columns["half_a"] + columns["half_b"])
     rows = np.random.default_rng(0).permutation(len(found))[:512]
-    index = [np.flatnonzero((shards._query.position == columns["position"][row]).all(axis=1))[0] for row in rows]
+    place = frames(cornell, shards.points)[0]
+    index = [np.flatnonzero((place == columns["position"][row]).all(axis=1))[0] for row in rows]
     truth = np.mean(indirect(cornell, shards.points[index], columns["light"][rows], light, 2048, 8), axis=0)
     error = lambda y: np.sqrt(np.mean((y - truth) ** 2) / np.mean(truth**2))  # noqa: E731
     table = shards.seen.radiosity.light(light, columns["light"][rows[:1]], 9)
