@@ -19,7 +19,7 @@ from lightwell.transport.gather_sums import Gather
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import first_reflection
 from lightwell.transport.samples import Query, Samples, columns_of
-from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
+from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns, without_spikes
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds
 
 # Times of a day whose sky is kept, in colours: fewer than lights, because they lie on one line.
@@ -121,6 +121,7 @@ class GatheredShards(SeenShards):
         if self._traces_first:
             each, lit = self._size.paths, (self.points[point], self.lights[light])
             first = first_reflection(self._scene, *lit, self._variable, each, seed)
+            first = without_spikes(*first, self._settings.points_per_light)
             half_a, half_b = half_a + first[0], half_b + first[1]
             paths += each * len(point)
         columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b}

@@ -19,7 +19,7 @@ from lightwell.transport.gather_sums import Gather
 from lightwell.transport.lamp_light import LampLight
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.samples import Samples, columns_of
-from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns
+from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns, without_spikes
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, shard_seeds
 from lightwell.transport.sky_source import CELLS
 
@@ -69,7 +69,8 @@ class OwnLightShards(SeenShards):
         own = self._light.direct(chosen, self._rays, shard_seeds(settings, index)[2], SHADOW_RAYS)
         half_a, half_b = self._gather(rows, np.zeros(len(rows), np.uint32))
         columns = columns_of(make_query(self._scene, chosen, np.zeros(3, np.float32)))
-        columns |= {"half_a": half_a + own.half_a[:, 0], "half_b": half_b + own.half_b[:, 0]}
+        halves = without_spikes(half_a + own.half_a[:, 0], half_b + own.half_b[:, 0], len(rows))
+        columns |= {"half_a": halves[0], "half_b": halves[1]}
         columns |= place_columns(chosen, np.ones(settings.size, np.float32), frames(self._scene, chosen)[2])
         return columns, path_counts(settings.size * self._rays + (len(self.points) * self._size.rays) * (index == 0))
 

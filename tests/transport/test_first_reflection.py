@@ -10,7 +10,7 @@ from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import first_reflection, indirect
 from lightwell.transport.radiosity import Radiosity
-from lightwell.transport.seen_shards import GatherSize
+from lightwell.transport.seen_shards import GatherSize, without_spikes
 from lightwell.transport.shards import ShardSettings
 from lightwell.transport.surface import draw_surface
 
@@ -83,3 +83,17 @@ def test_no_bin_is_a_spot_of_light_because_of_few_paths():
     # An irradiance of 1 everywhere is reflected to ρ / (1 - ρ).
     assert received.mean() == pytest.approx(0.85 / 0.15, rel=0.1)
     assert received.max() < 4 * received.mean()
+
+
+def test_a_half_that_one_path_decides_is_limited():
+    random = np.random.default_rng(0)
+    a, b = random.gamma(4.0, 0.25, (2, 256, 1)) * np.float32([[1.0, 0.5, 0.25]])
+    kept = without_spikes(a, b, 64)
+    np.testing.assert_allclose(kept, (a, b))
+    spiked = a.copy()
+    spiked[7] *= 1000
+    limited, other = without_spikes(spiked, b, 64)
+    assert np.array_equal(other, b) and limited[7].max() < 0.05 * spiked[7].max()
+    # Its colour is kept, and so are the samples around it.
+    np.testing.assert_allclose(limited[7] / limited[7, 0], a[7] / a[7, 0])
+    np.testing.assert_allclose(np.delete(limited, 7, 0), np.delete(a, 7, 0))
