@@ -271,7 +271,7 @@ def without_spikes(a: np.ndarray, b: np.ndarray, run: int) -> tuple[np.ndarray, 
     """Limit halves of samples that single paths decide: fields learn them as spots of light.
 
     Such a path found a lamp by way of a glossy surface. A half is at most ``SPIKE`` times the other one, to which a
-    share of the mean under the same light is added. Some light is lost: 0.0 to 3 % (eight scenes).
+    share of the mean under the same light is added. A little light is lost.
 
     Args:
         a: [N, 3] first half of samples, in runs that share a light.
