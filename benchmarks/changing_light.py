@@ -45,6 +45,7 @@ from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.viewpoints import sample_cameras
 from lightwell.transport import SurfacePoints, draw_surface, static
 from lightwell.transport.camera import gbuffer
+from lightwell.transport.seen import draw_seen
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "zoo"
 DOOR = "node:Door.rotation=y:0..90"
@@ -148,7 +149,9 @@ def states(count: int) -> dict[str, np.ndarray]:
 
 def score(name: str, lit: LearnedLamps, quick: bool) -> list[Row]:
     """Errors of the states of a scene."""
-    draw = draw_surface(lit.state.scene, 256 if quick else POINTS, SEED)
+    # As the report of a bake draws them: fronts alone, in the core of the scene.
+    points = 256 if quick else POINTS
+    draw = draw_surface(lit.state.scene, points, SEED, core=True, shown=True)
     paths = 16 if quick else PATHS
     found = {
         what: errors(lit, draw.points, draw.weight, dimmers, paths)
@@ -156,12 +159,15 @@ def score(name: str, lit: LearnedLamps, quick: bool) -> list[Row]:
     }
     noise = float(np.median([part for _, part in found.values()]))
     (together, _), random = found.pop("all"), [error for error, _ in found.values()]
+    seen = draw_seen(lit.state.scene, lit.state.variable, points, SEED, floor=8, shown=True)
+    looked = errors(lit, seen.points, seen.weight, np.ones(len(lit.state.lamps)), paths)
     note = f"{len(lit.state.lamps)} lamps; noise of the reference, included: {noise:.1%}"
     return [
         at_most(f"{name}: error of random switch states, median", 0.1, float(np.median(random)), "", note),
         at_most(f"{name}: error of random switch states, worst", 0.1, max(random), "", note),
         at_most(f"{name}: random states over all on", 1.15, float(np.mean(random)) / together, "x", note),
         without_bar(f"{name}: error of all on", together, "", note),
+        without_bar(f"{name}: error of all on, where people look", looked[0], "", f"noise included: {looked[1]:.1%}"),
         without_bar(f"{name}: learned lamps", lit.baked.graph.nbytes / 1000, "kB"),
     ]
 

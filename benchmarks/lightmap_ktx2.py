@@ -73,7 +73,7 @@ def _rows(name: str, fits: dict[str | None, LightmapFit], held: tuple, note: str
 
 def _held_out(scene: Scene, atlas: Atlas, paths: int) -> tuple:
     """Points on all surfaces, and two independent means of what leaves them."""
-    draw = draw_surface(scene, POINTS, SEED + HELD_OUT, floor=8)
+    draw = draw_surface(scene, POINTS, SEED + HELD_OUT, floor=8, shown=True)
     a, b = static(scene, draw.points, paths, SEED + HELD_OUT)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     return query_of_lightmap(scene, atlas, draw.points)[good], a[good], b[good]

@@ -44,7 +44,11 @@ FIGURES = ("psnr_db", "flip", "mottle", "leak", "relative_error")
 def path_traced(scene: Scene, variable: Variable, seen: bool) -> Samples:
     """Samples by whole paths, by area or where people look."""
     count = TRACED * SETTINGS.size
-    draw = draw_seen(scene, variable, count, 1, floor=64) if seen else draw_surface(scene, count, 1, floor=64)
+    draw = (
+        draw_seen(scene, variable, count, 1, floor=64, shown=True)
+        if seen
+        else draw_surface(scene, count, 1, floor=64, shown=True)
+    )
     lights = default_lights(scene, variable)(TRACED * SETTINGS.lights, 2).repeat(SETTINGS.points_per_light, axis=0)
     return collect(scene, variable, draw.points, lights, SETTINGS.paths, 3, weight=draw.weight)
 

@@ -116,7 +116,7 @@ class PreviewScene:
         Returns:
             ``lights * POINTS`` samples.
         """
-        draw = draw_surface(self.scene, lights * POINTS, seed)
+        draw = draw_surface(self.scene, lights * POINTS, seed, shown=True)
         places = np.zeros((lights, 3), np.float32)
         if self.variable is not None:
             places = sample_lights(self.scene, self.variable, lights, seed)

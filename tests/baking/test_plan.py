@@ -1,9 +1,10 @@
 """Budgets, plans and the work folder."""
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, sleep
 
 import numpy as np
 import pytest
@@ -34,6 +35,7 @@ from lightwell.fields.surface.plan import (
     plan_samples,
     plan_steps,
     save_plan,
+    timed_step,
 )
 
 
@@ -230,3 +232,18 @@ def test_a_damaged_plan_is_made_again_with_a_note(tmp_path, caplog, harm):
 def test_a_clock_of_something_else_is_refused(marks):
     with pytest.raises(ValueError, match="not rows of step and seconds"):
         Clock(marks)
+
+
+def test_a_step_is_timed_without_the_evaluations_that_end_timed_runs():
+    step, evaluation, done = 0.001, 0.05, 0
+
+    def train(until: int) -> bool:
+        nonlocal done
+        sleep(step * (until - done) + evaluation)
+        done = until
+        return False
+
+    cost = timed_step(train, 100)
+    # Runs of 25 steps with an evaluation each would say 3 ms.
+    assert cost == pytest.approx(step + evaluation / 100, rel=0.3)
+    assert timed_step(lambda until: True, 100) == math.inf

@@ -95,7 +95,7 @@ class LampTracer:
         Returns:
             N points, and [N, K, 3] radiance of each group.
         """
-        points = draw_surface(self.scene, HELD_OUT, self._seed(_HELD), floor=8).points
+        points = draw_surface(self.scene, HELD_OUT, self._seed(_HELD), floor=8, shown=True).points
         shares = self.light.shares(points, HELD_OUT_RAYS, self._seed(_HELD), HELD_OUT_SHADOW_RAYS)
         return points, np.nan_to_num(shares.radiance, posinf=0, neginf=0)
 

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.field import SurfaceFit
 from lightwell.fields.surface.lamp_samples import LampSamples, LampTraining
 from lightwell.fields.surface.lowering import graph_layers
-from lightwell.fields.surface.plan import FEWEST_STEPS
+from lightwell.fields.surface.plan import FEWEST_STEPS, timed_step
 from lightwell.fields.surface.sample_weights import by_object
 from lightwell.fields.tabulate import Tabulated
 from lightwell.graph import Buffer, Builder, Graph, pack
@@ -40,8 +39,8 @@ _TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=100, patie
 LIFT = 0.5
 # Random settings of the dimmers that are trained beside each group alone and all together.
 RANDOM_STATES = 8
-# Steps that are timed to make a plan, after as many that compile.
-TIMED_STEPS = 10
+# Length of the schedule of timed steps.
+NOMINAL_STEPS = 1 << 16
 CHECKPOINT, CLOCK = "lamps.checkpoint", "clock"
 
 
@@ -370,8 +369,6 @@ def _prepared(state: State, samples: LampTraining, kind: type[LampsFit]) -> Lamp
 def _steps(state: State, samples: LampTraining, kind: type[LampsFit]) -> int:
     """Steps for the time that is left, by the time of some on a learner of their own."""
     scratch = _prepared(state, samples, kind)
-    scratch.train(TIMED_STEPS, 1 << 16)
-    start = perf_counter()
-    scratch.train(2 * TIMED_STEPS, 1 << 16)
-    cost = (perf_counter() - start) / TIMED_STEPS
+    every = PRESETS[state.job.request.quality].training.evaluate_every
+    cost = timed_step(lambda steps: scratch.train(steps, NOMINAL_STEPS), every)
     return max(math.floor((samples.end - state.job.work.elapsed) / max(cost, 1e-6)), FEWEST_STEPS)

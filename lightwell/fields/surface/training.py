@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import shutil
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -32,6 +31,7 @@ from lightwell.fields.surface.plan import (
     plan_samples,
     plan_steps,
     save_plan,
+    timed_step,
 )
 from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose, times_in_time
 from lightwell.fields.surface.roles import learning_time, looked_from, role_seconds
@@ -48,10 +48,10 @@ from lightwell.transport.seen_shards import POINTS_PER_SHARD, GatherSize
 from lightwell.transport.shards import Make, ShardSettings
 from lightwell.transport.turned_light import TurnedShards
 
-# Steps that are timed to make a plan; the first ones compile kernels.
-WARM_UP_STEPS, TIMED_STEPS = 5, 15
-# Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
+# Length of the schedule of timed steps: long, so that they hold no change of levels or rounds.
 NOMINAL_STEPS = 1 << 16
+# Steps for each evaluation, about; after the first steps the plan is made anew with what they took.
+EVALUATE_EVERY = 200
 # Samples on which they are timed, at most: a step takes as long on all of them.
 TIMED_SAMPLES = 1 << 18
 # Where fields share their samples, a plan that turns out too long is cut off after this many times the budget, at one
@@ -295,11 +295,7 @@ class SurfaceTraining:
         # The first one compiles kernels, whose time would be multiplied by the number of samples.
         self._prepared(TIMED_SAMPLES)
         scratch = self._prepared(TIMED_SAMPLES)
-        if scratch.train(WARM_UP_STEPS, NOMINAL_STEPS):
-            return math.inf  # It learns in one go.
-        start = perf_counter()
-        scratch.train(WARM_UP_STEPS + TIMED_STEPS, NOMINAL_STEPS)
-        return (perf_counter() - start) / TIMED_STEPS
+        return timed_step(lambda steps: scratch.train(steps, NOMINAL_STEPS), EVALUATE_EVERY)
 
     def _plan_last(self, learner: Learner) -> None:
         """Plan the adaptive stage and the steps after it anew, unless the settings fix them."""
