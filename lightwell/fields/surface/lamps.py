@@ -34,7 +34,9 @@ from lightwell.networks.lamps import LampNetwork, LampSet
 from lightwell.networks.losses import EPSILON
 from lightwell.transport.samples import Query
 
-_TRAINING = TrainingSettings(rate=2e-2, batch=1 << 13, evaluate_every=100, patience=0)
+# Against four times the batch, a quarter of the steps and 'adam', in the same time, all lamps on, where people look:
+# needle-lightmap-house 22 to 20 %, loft 13.2 to 12.7 %, pyraxia-hallway 55 to 49 %.
+_TRAINING = TrainingSettings(optimiser="adam_grid", rate=2e-2, batch=1 << 11, evaluate_every=100, patience=0)
 # How far above the surface the grid is read, in cells of its finest level.
 LIFT = 0.5
 # Random settings of the dimmers that are trained beside each group alone and all together.
