@@ -41,8 +41,6 @@ _TRAINING = TrainingSettings(optimiser="adam_grid", rate=2e-2, batch=1 << 11, ev
 LIFT = 0.5
 # Random settings of the dimmers that are trained beside each group alone and all together.
 RANDOM_STATES = 8
-# Length of the schedule of timed steps.
-NOMINAL_STEPS = 1 << 16
 CHECKPOINT, CLOCK = "lamps.checkpoint", "clock"
 
 
@@ -372,5 +370,5 @@ def _steps(state: State, samples: LampTraining, kind: type[LampsFit]) -> int:
     """Steps for the time that is left, by the time of some on a learner of their own."""
     scratch = _prepared(state, samples, kind)
     every = PRESETS[state.job.request.quality].training.evaluate_every
-    cost = timed_step(lambda steps: scratch.train(steps, NOMINAL_STEPS), every)
+    cost = timed_step(scratch.train, every)
     return max(math.floor((samples.end - state.job.work.elapsed) / max(cost, 1e-6)), FEWEST_STEPS)

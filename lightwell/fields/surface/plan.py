@@ -38,6 +38,8 @@ FIRST_STEPS_SHARE = 0.4
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
 # Steps that compile kernels, then steps of short and long runs that are timed, and pairs of them.
 WARM_UP_STEPS, TIMED_RUNS, TIMED_PAIRS = 5, (5, 25), 3
+# Length of the schedule that they belong to: long, so that they hold no change of levels or rounds.
+NOMINAL_STEPS = 1 << 16
 # More shards than these hold little that is new (24 to 72: +0.1 dB at equal steps), and the time in which they are
 # taken up is worth more steps; with 90 features 64 of them are 1.5 GB.
 MOST_SHARDS = 32
@@ -168,26 +170,30 @@ def plan_samples(
     return SamplePlan(shards, min(adaptive, shards), **costs)
 
 
-def timed_step(train: Callable[[int], bool], evaluate_every: int) -> float:
+def timed_step(
+    train: Callable[[int, int], bool], evaluate_every: int, clock: Callable[[], float] = perf_counter
+) -> float:
     """Measure the time of a training step, with its share of the evaluations.
 
     A call ends with an evaluation, which takes as long as many steps: short and long runs tell them apart. Medians,
     because a pause of the machine is as long as many steps, too.
 
     Args:
-        train: Trains until so many steps are done in all, and evaluates; returns whether it has ended before.
+        train: Trains until so many steps are done in all, of a schedule of so many, and evaluates; returns whether it
+            has ended before.
         evaluate_every: Steps for each evaluation of the training that is planned.
+        clock: Returns the time, seconds.
 
     Returns:
         Seconds; infinity where it ended.
     """
-    if train(WARM_UP_STEPS):
+    if train(WARM_UP_STEPS, NOMINAL_STEPS):
         return math.inf
     done, seconds = WARM_UP_STEPS, []
     for run in TIMED_RUNS * TIMED_PAIRS:
-        start, done = perf_counter(), done + run
-        train(done)
-        seconds.append(perf_counter() - start)
+        start, done = clock(), done + run
+        train(done, NOMINAL_STEPS)
+        seconds.append(clock() - start)
     short, long = np.median(np.reshape(seconds, (TIMED_PAIRS, 2)), axis=0)
     step = max(long - short, 0.0) / (TIMED_RUNS[1] - TIMED_RUNS[0])
     return float(step + max(short - TIMED_RUNS[0] * step, 0.0) / evaluate_every)

@@ -48,8 +48,6 @@ from lightwell.transport.seen_shards import POINTS_PER_SHARD, GatherSize
 from lightwell.transport.shards import Make, ShardSettings
 from lightwell.transport.turned_light import TurnedShards
 
-# Length of the schedule of timed steps: long, so that they hold no change of levels or rounds.
-NOMINAL_STEPS = 1 << 16
 # Steps for each evaluation, about; after the first steps the plan is made anew with what they took.
 EVALUATE_EVERY = 200
 # Samples on which they are timed, at most: a step takes as long on all of them.
@@ -295,7 +293,7 @@ class SurfaceTraining:
         # The first one compiles kernels, whose time would be multiplied by the number of samples.
         self._prepared(TIMED_SAMPLES)
         scratch = self._prepared(TIMED_SAMPLES)
-        return timed_step(lambda steps: scratch.train(steps, NOMINAL_STEPS), EVALUATE_EVERY)
+        return timed_step(scratch.train, EVALUATE_EVERY)
 
     def _plan_last(self, learner: Learner) -> None:
         """Plan the adaptive stage and the steps after it anew, unless the settings fix them."""
