@@ -102,3 +102,11 @@ def test_a_half_that_one_path_decides_is_limited():
     # Its colour is kept, and so are the samples around it.
     np.testing.assert_allclose(limited[7] / limited[7, 0], a[7] / a[7, 0])
     np.testing.assert_allclose(np.delete(limited, 7, 0), np.delete(a, 7, 0))
+
+
+def test_light_that_few_paths_find_is_kept():
+    # One half of ten finds light, at ten times the mean: no path is a spike.
+    random = np.random.default_rng(0)
+    a, b = np.where(random.random((2, 4096, 1)) < 0.1, np.float32(10), np.float32(0)) * np.ones(3, np.float32)
+    limited = np.mean(without_spikes(a, b, 128))
+    assert limited == pytest.approx(np.mean((a, b)), rel=0.05)
