@@ -98,7 +98,7 @@ def test_a_half_that_one_path_decides_is_limited():
     spiked = a.copy()
     spiked[7] *= 1000
     limited, other = without_spikes(spiked, b, 64)
-    assert np.array_equal(other, b) and limited[7].max() < 0.05 * spiked[7].max()
+    assert np.array_equal(other, b) and limited[7].max() < 0.1 * spiked[7].max()
     # Its colour is kept, and so are the samples around it.
     np.testing.assert_allclose(limited[7] / limited[7, 0], a[7] / a[7, 0])
     np.testing.assert_allclose(np.delete(limited, 7, 0), np.delete(a, 7, 0))
