@@ -8,6 +8,9 @@ export const SHOW = { learned: 0, reference: 1, difference: 2, split: 3, experts
 /** Edge of the tiles over which the difference is averaged, in pixels of the reference: its noise is no error. */
 export const DIFFERENCE_TILE = 4;
 
+/** Least displayed value of the backdrop. */
+const DARKEST = 0.032;
+
 /** Relative errors from 1 % to 100 % are spread over the two arms of the difference scale. */
 export const DIFFERENCE_RANGE = [0.01, 1] as const;
 
@@ -42,7 +45,7 @@ export function outputFragment(toneMapping: ToneMappingName): string {
 
   vec3 backdrop( vec2 uv ) {
     float d = length( ( uv - vec2( 0.5, 0.55 ) ) * vec2( 1.1, 1.0 ) );
-    return mix( vec3( 0.105, 0.108, 0.120 ), vec3( 0.032, 0.033, 0.038 ), smoothstep( 0.0, 0.85, d ) );
+    return mix( vec3( 0.105, 0.108, 0.120 ), vec3( ${DARKEST}, 0.033, 0.038 ), smoothstep( 0.0, 0.85, d ) );
   }
 
   vec3 over( vec3 premultiplied, float coverage ) {
@@ -81,14 +84,15 @@ export function outputFragment(toneMapping: ToneMappingName): string {
   }
 
   // Of a pixel of the reference: at a silhouette that of the learned picture, because what is behind is black in the
-  // reference; elsewhere that of what has light, such as glass, which the learned picture does not cover.
+  // reference; elsewhere that of what is not darker than the backdrop, such as glass, which the learned picture does not
+  // cover. Denoised references have a trace of light around silhouettes.
   float covered( float drawn, vec3 truth ) {
     vec2 texel = frame.zw / vec2( textureSize( reference, 0 ) );
     float near = drawn;
     for ( int y = -2; y <= 2; y++ ) {
       for ( int x = -2; x <= 2; x++ ) near = max( near, texture( total, vUv + texel * vec2( x, y ) ).a );
     }
-    return near > 0.0 ? drawn : float( any( greaterThan( truth, vec3( 0.0 ) ) ) );
+    return near > 0.0 ? drawn : float( any( greaterThan( display( truth ), vec3( ${DARKEST} ) ) ) );
   }
 
   float gradientNoise( vec2 p ) {
