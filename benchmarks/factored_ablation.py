@@ -80,7 +80,7 @@ def measure(shards: int, steps: int, points: int, paths: int, seed: int = 0) -> 
     with tempfile.TemporaryDirectory() as folder:
         generate(scene, variable, None, folder, shards, PATHS, seed)
         samples = load_samples(folder, scene)
-    draw = draw_surface(scene, points, seed + 1)
+    draw = draw_surface(scene, points, seed + 1, shown=True)
     lights = held_out_lights(scene, variable, 64, seed + 2).repeat(points // 64, axis=0)
     truth = collect(scene, variable, draw.points, lights, paths, seed + 3, weight=draw.weight)
     unit = radiance_unit(samples)
