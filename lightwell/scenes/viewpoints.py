@@ -27,8 +27,8 @@ PITCH = (-28.0, 14.0)
 
 # Views rank lower when a larger share than this escapes, shows back faces, or surfaces nearer than NEAR of the extent.
 ESCAPING, BACK, CLOSE, NEAR = 0.3, 0.05, 0.2, 0.08
-# What is farther than so many longest edges of the looked-at part counts as escaping.
-FAR = 2.0
+# What is farther beside the looked-at part than this share of its longest edge counts as escaping.
+BESIDE = 0.05
 
 # Cameras nearer than this (distance relative to the extent, plus a third of the change of direction) are alike.
 APART = 0.4
@@ -106,7 +106,7 @@ def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, auth
     eyes = _eyes(scene, variable, max(LEAST_EYES, EYES_PER_CAMERA * count), random)
     extent = _extent(scene)
     looks = [camera for eye in eyes for camera in _looks(eye, extent, random)]
-    chosen = _spread(looks, _worth(air, looks, extent), count - len(own), extent)
+    chosen = _spread(looks, _worth(scene, air, looks, extent), count - len(own), extent)
     return own + [
         Camera(looks[k].position, looks[k].target, fov_y=FOV_Y, name=f"view {n + 1}") for n, k in enumerate(chosen)
     ]
@@ -145,14 +145,22 @@ def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[
     return [Camera(position, vector(eye + 0.25 * extent * w), fov_y=FOV_Y) for w in ways]
 
 
-def _worth(air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
+def _within(scene: Scene, places: np.ndarray) -> np.ndarray:
+    """[...] whether places [..., 3] lie in the part of the scene that is looked at, or just beside it."""
+    low, high = scene.core
+    beside = BESIDE * _extent(scene)
+    return np.logical_and(places >= low - beside, places <= high + beside).all(axis=-1)
+
+
+def _worth(scene: Scene, air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
     """Rank each view [K] by depth and variety."""
     rays = GRID[0] * GRID[1]
     directions = _directions(_frames(looks), FOV_Y, *GRID).reshape(-1, 3)
     origins = np.repeat([camera.position for camera in looks], rays, axis=0)
     hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
     # Domes of sky and ground of kilometres are not what a view is chosen for.
-    hit &= distance < FAR * extent
+    places = origins.reshape(*distance.shape, 3) + distance[..., None] * directions.reshape(*distance.shape, 3)
+    hit &= _within(scene, places)
     depth = np.where(hit, np.clip(distance, 1e-3 * extent, extent) / extent, 0)
     # Rays that escape have no depth and do not count in the variety.
     log_depth = np.ma.masked_array(np.log(np.where(hit, depth, 1)), mask=~hit)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lightwell.scenes.free_air import free_air
 from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.variables import default_variable
+from lightwell.scenes.viewpoints import view_directions
 from tests.transport.rooms import WHITE, box, build, diffuse
 
 GROUND = ((-1000, -1.0, -1000), (1000, 0.0, 1000))
@@ -34,6 +36,18 @@ def test_a_light_and_cameras_are_placed_in_the_core(town):
     assert (np.array(light.low) >= town.core[0]).all() and (np.array(light.high) <= town.core[1]).all()
     for camera in sample_cameras(town, light, 4, 0):
         assert np.linalg.norm(np.array(camera.position) - town.core.mean(axis=0)) < 100
+
+
+def test_cameras_look_at_the_core(town):
+    low, high = town.core
+    for camera in sample_cameras(town, default_variable(town), 4, 0):
+        rays = view_directions(camera, 16, 10)
+        hit, _, distance, _ = free_air(town).trace(np.repeat([camera.position], len(rays), axis=0), rays)
+        places = np.array(camera.position) + distance[:, None] * rays
+        beside = 0.1 * (high - low).max()
+        within = hit & ((places >= low - beside) & (places <= high + beside)).all(axis=1)
+        # Not at the plain behind.
+        assert within.mean() > 0.6
 
 
 @pytest.mark.parametrize("boxes", [[((0, 0, 0), (10, 3, 10)), ((4, 0, 4), (4.5, 1, 4.5))], TOWN])
