@@ -9,7 +9,7 @@ import numpy as np
 from lightwell.core.sobol import Sobol
 from lightwell.scenes.vectors import vector
 
-from .free_air import FreeAir, free_air
+from .free_air import free_air
 from .scene import Camera, Scene
 from .variables import PointLight, Variable
 
@@ -102,11 +102,11 @@ def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, auth
     own = list(scene.cameras)[:count] if authored else []
     if len(own) == count:
         return own
-    air, random = free_air(scene), np.random.default_rng(np.random.SeedSequence([seed, 17]))
+    random = np.random.default_rng(np.random.SeedSequence([seed, 17]))
     eyes = _eyes(scene, variable, max(LEAST_EYES, EYES_PER_CAMERA * count), random)
     extent = _extent(scene)
     looks = [camera for eye in eyes for camera in _looks(eye, extent, random)]
-    chosen = _spread(looks, _worth(scene, air, looks, extent), count - len(own), extent)
+    chosen = _spread(looks, _worth(scene, looks), count - len(own), extent)
     return own + [
         Camera(looks[k].position, looks[k].target, fov_y=FOV_Y, name=f"view {n + 1}") for n, k in enumerate(chosen)
     ]
@@ -152,12 +152,12 @@ def _within(scene: Scene, places: np.ndarray) -> np.ndarray:
     return np.logical_and(places >= low - beside, places <= high + beside).all(axis=-1)
 
 
-def _worth(scene: Scene, air: FreeAir, looks: list[Camera], extent: float) -> np.ndarray:
+def _worth(scene: Scene, looks: list[Camera]) -> np.ndarray:
     """Rank each view [K] by depth and variety."""
-    rays = GRID[0] * GRID[1]
+    extent, rays = _extent(scene), GRID[0] * GRID[1]
     directions = _directions(_frames(looks), FOV_Y, *GRID).reshape(-1, 3)
     origins = np.repeat([camera.position for camera in looks], rays, axis=0)
-    hit, back, distance, shape = (x.reshape(-1, rays) for x in air.trace(origins, directions))
+    hit, back, distance, shape = (x.reshape(-1, rays) for x in free_air(scene).trace(origins, directions))
     # Domes of sky and ground of kilometres are not what a view is chosen for.
     places = origins.reshape(*distance.shape, 3) + distance[..., None] * directions.reshape(*distance.shape, 3)
     hit &= _within(scene, places)
