@@ -179,10 +179,10 @@ def _query_milliseconds(cache: Any, count: int) -> float:
 
 def live(record: Record, simulate: bool) -> None:
     """Pictures per second of the live page, end to end over HTTP."""
-    from radiance_cache_live import measure
+    from radiance_cache_live import rates
 
     size, seconds = (32, 1.0) if simulate else (512, 6.0)
-    found = measure("cornell", size, seconds, 2 if simulate else WARM_FRAMES)
+    found = rates("cornell", size, seconds, 2 if simulate else WARM_FRAMES)
     for name in ("rest", "orbit"):
         stages = ", ".join(f"{k} {v:.3g} ms" for k, v in found[name].items() if k != "fps")
         record(name, found[name]["fps"], stages)

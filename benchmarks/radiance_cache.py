@@ -1,10 +1,11 @@
 """The figures of the radiance cache, measured side by side on this machine.
 
-    python benchmarks/radiance_cache.py                     all figures but the table; about 20 minutes on 2 quiet cores
+    python benchmarks/radiance_cache.py                     all but the long ones; about 20 minutes on 2 quiet cores
     python benchmarks/radiance_cache.py --quick             a smoke run of the parts; writes nothing
     python benchmarks/radiance_cache.py --only equal,frame  some parts
     python benchmarks/radiance_cache.py --resume            take scenes that are measured already from out/figures
-    python benchmarks/radiance_cache.py --only table --resume   16 scenes, see radiance_cache_table.py; hours
+    python benchmarks/radiance_cache.py --only table --resume   16 scenes, see radiance_cache_table.py; an hour
+    python benchmarks/radiance_cache.py --only blend,cold,warm --resume     denoised pictures and starts; an hour
 
 References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes). The ladder of
 ingredients is radiance_cache_ladder.py.
@@ -22,7 +23,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,21 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from radiance_cache_live import measure as live_rates
+from radiance_cache_live import at, plot
+from radiance_cache_live import measure as live_figures
 from radiance_cache_runs import cold, timed
-from radiance_cache_table import HALVES, table, table_rows
-from radiance_cache_truth import EPSILON, NAMES, ROOT, SCENES, Truth, path_tracer, scene_of, source_of, truth_of
+from radiance_cache_starts import WARM_SCENES, cold_rows, cold_start, stays, warm, warm_rows
+from radiance_cache_table import HALVES, errors, table, table_rows
+from radiance_cache_truth import (
+    EPSILON,
+    NAMES,
+    ROOT,
+    Truth,
+    path_tracer,
+    scene_of,
+    source_of,
+    truth_of,
+)
 from rows import Row, at_least, at_most, chosen, markdown, of_gpu, publish, without_bar
 
 from lightwell.backend import dr, mi
@@ -94,13 +106,15 @@ def race(scene: Any, sensor: Any, options: Figures, plan: Figures, truth: Truth,
             start = time.perf_counter()
             theirs = after(nrc, theirs, seed)
             wall_pt += time.perf_counter() - start
-        done = nrc.last
-        rows.append(
-            [truth.error(picture), wall, done.seconds["train"], done.rendered.samples, truth.error(theirs), wall_pt]
-        )
-    error, wall, train, samples, error_pt, wall_pt = (float(x) for x in np.median(rows, axis=0))
+        done, found, beside = nrc.last, errors(truth, picture), errors(truth, theirs)
+        rows.append([
+            truth.error(picture), wall, done.seconds["train"], done.rendered.samples, truth.error(theirs), wall_pt,
+            found["FLIP"], beside["FLIP"],
+        ])  # fmt: skip
+    error, wall, train, samples, error_pt, wall_pt, flip, flip_pt = (float(x) for x in np.median(rows, axis=0))
     return {"error": error, "wall": wall, "train": train, "samples": samples, "error_pt": error_pt, "wall_pt": wall_pt,
-            "gain": error_pt * wall_pt / (max(error, 1e-9) * wall), "repeats": len(rows)}  # fmt: skip
+            "gain": error_pt * wall_pt / (max(error, 1e-9) * wall), "repeats": len(rows), "flip": flip,
+            "flip_pt": flip_pt}  # fmt: skip
 
 
 def equal(name: str, scene: Any, plan: Figures) -> Figures:
@@ -228,14 +242,6 @@ def lag(name: str, scene: Any, plan: Figures) -> Figures:
     return {**found, "curve": [[float(f"{x:.3g}") for x in row] for row in curve]}
 
 
-def stays(holds: np.ndarray) -> int:
-    """Number, from 1, of the frame from which on it holds, for most of the eight frames from there."""
-    for k in range(len(holds)):
-        if holds[k] and holds[k : k + 8].mean() > 0.5:
-            return k + 1
-    return len(holds) + 1
-
-
 def first(holds: np.ndarray) -> int:
     """Number, from 1, of the first frame for which it holds; one more than there are if for none."""
     return int(np.argmax(holds)) + 1 if holds.any() else len(holds) + 1
@@ -262,9 +268,8 @@ def drift(name: str, scene: Any, plan: Figures) -> Figures:
 
 
 def live(name: str, scene: Any, plan: Figures) -> Figures:
-    """Frames per second of the live page."""
-    source = str(SCENES / name / "scene_mi3.xml")
-    return live_rates(source, 32, 0.5, 2) if plan["quick"] else live_rates(source, 256)
+    """Pictures per second of the live page, and its quality after the camera has stopped."""
+    return live_figures(str(source_of(name)), LIVE_SIZE, bool(plan["quick"]))
 
 
 # ------------------------------------------------------------------ rows
@@ -277,9 +282,9 @@ def stats(f: Figures, plan: Figures) -> str:
     )
 
 
-def geometric(found: dict[str, Figures]) -> float | None:
+def geometric(found: dict[str, Figures], names: Iterable[str] = NAMES) -> float | None:
     """Of the gains, where all scenes are there."""
-    if set(found) != set(NAMES):
+    if set(found) != set(names):
         return None
     return float(np.exp(np.mean([np.log(max(f["gain"], 1e-9)) for f in found.values()])))
 
@@ -300,10 +305,14 @@ def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
 
 
 def blend_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    what = "denoised, with the cache: relMSE of denoised path over ours at equal time, "
-    rows = [at_least(what + name, 0.95, f["gain"], "ratio", stats(f, plan)) for name, f in found.items()]
-    mean = geometric(found) if found else None
-    return [*rows, at_least("denoised, with the cache: geometric mean of the five scenes", 2.5, mean, "ratio")]
+    what = "denoised, with the cache: {} of denoised path over ours at equal time, {}"
+    rows = []
+    for name, f in found.items():
+        note = f"{stats(f, plan)}; FLIP {f['flip']:.3f} against {f['flip_pt']:.3f}"
+        rows.append(at_least(what.format("relMSE", name), 0.95, f["gain"], "ratio", note))
+        rows.append(at_least(what.format("FLIP", name), 0.95, f["flip_pt"] / max(f["flip"], 1e-9), "ratio"))
+    mean = geometric(found, HALVES)
+    return [*rows, at_least("denoised, with the cache: geometric mean of the scenes", 2.5, mean, "ratio")]
 
 
 def parts_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
@@ -359,14 +368,23 @@ def drift_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
 
 
 def live_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    """Interactive is read as five frames a second."""
+    """Rates and quality; the plot is drawn where all scenes are there."""
     rows = []
     for name, f in found.items():
         for key, words in (("orbit", "while the camera turns"), ("rest", "at rest")):
             r = f[key]
-            note = (f"{r['train']:.0f} ms training, {r['cache-image']:.0f} ms cached, {r['path']:.0f} ms path traced, "
-                    f"{r['views']:.0f} ms other views; over HTTP")  # fmt: skip
-            rows.append(at_least(f"live frames per second at 256^2, {words}, {name}", 5, r["fps"], "frames/s", note))
+            note = (
+                f"{r['train']:.0f} ms training, {r['picture']:.0f} ms picture, {r['encode']:.0f} ms encoding; over HTTP"
+            )
+            rows.append(
+                at_least(f"live frames per second at {LIVE_SIZE}^2, {words}, {name}", 10, r["fps"], "frames/s", note)
+            )
+        what = f"live: picture to the path-traced one after 2 s of standing still, {name}"
+        (first, begin), (last, end) = f["curve"][0], f["curve"][-1]
+        note = f"after {first:.1f} s {begin:.1f} dB, after {last:.1f} s {end:.1f}"
+        rows.append(at_least(what, 30, at(f["curve"]), "dB", note))
+    if set(found) == set(LIVE_SCENES) and not plan["quick"]:
+        plot(found, ROOT / "docs" / "images" / "live-quality.png")
     return rows
 
 
@@ -389,13 +407,17 @@ def write_page() -> None:
 
 
 ONE = ("cornell-box",)
+# Parts that take long: only where they are named.
+LONG = ("table", "blend", "cold", "warm")
+LIVE_SIZE, LIVE_SCENES = 512, ("cornell-box", "veach-ajar", "living-room-2", "needle-scanned-room")
 # Part: (figures of a scene, rows, scenes).
 PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
     "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
     "unbiased": (unbiased, unbiased_rows, NAMES), "parts": (parts, parts_rows, ("veach-ajar", "veach-bidir")),
     "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
-    "blend": (blend, blend_rows, NAMES), "table": (table, table_rows, tuple(HALVES)),
-    "live": (live, live_rows, ("cornell-box", "veach-ajar")), "gpu": (None, gpu_rows, ()),
+    "blend": (blend, blend_rows, tuple(HALVES)), "cold": (cold_start, cold_rows, tuple(HALVES)),
+    "warm": (warm, warm_rows, WARM_SCENES), "table": (table, table_rows, tuple(HALVES)),
+    "live": (live, live_rows, LIVE_SCENES), "gpu": (None, gpu_rows, ()),
 }  # fmt: skip
 
 
@@ -447,7 +469,7 @@ def main() -> None:
     """Measure the parts asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="smoke run; writes nothing")
-    parser.add_argument("--only", default=",".join(p for p in PARTS if p != "table"), help="parts, comma-separated")
+    parser.add_argument("--only", default=",".join(p for p in PARTS if p not in LONG), help="parts, comma-separated")
     parser.add_argument("--scenes", default="", help="scenes, comma-separated (default: those of the part)")
     parser.add_argument("--resume", action="store_true", help="keep what is in out/figures")
     parser.add_argument("--spp", type=int, default=PLAN["spp"], help="samples of path that set the time")

@@ -23,6 +23,7 @@ from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.scene_region import bounds_of
 from lightwell.scenes import load
 from lightwell.scenes.placing import initial_light, sample_cameras
+from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,8 +67,9 @@ def source_of(name: str) -> str | None:
     return scenes().get(name)
 
 
-def zoo_scene(source: str, size: int) -> Any:
-    """A scene of the zoo at size^2 pixels, from its first camera or one in free air; with a lamp if it has no light."""
+def zoo_live(source: str, size: int) -> tuple[Scene, LiveScene]:
+    """A loaded scene, and it at size^2 pixels, from its first camera or one in free air; with a lamp if it has no
+    light."""
     loaded = load(source)
     variable = declare((), loaded)
     camera = loaded.cameras[0] if loaded.cameras else sample_cameras(loaded, variable, 1, 0)[0]
@@ -75,7 +77,7 @@ def zoo_scene(source: str, size: int) -> Any:
     if not loaded.mi.emitters():
         low, high = bounds_of(loaded.mi)
         lamp = Lamp(initial_light(loaded, variable, camera), float((high - low).max()) ** 2)
-    return LiveScene(loaded, size, camera, lamp).scene
+    return loaded, LiveScene(loaded, size, camera, lamp)
 
 
 def scene_of(name: str, size: int) -> Any:
@@ -84,7 +86,7 @@ def scene_of(name: str, size: int) -> Any:
     if source is None:
         return None
     if not source.endswith("scene_mi3.xml"):
-        return zoo_scene(source, size)
+        return zoo_live(source, size)[1].scene
     scene = mi.load_file(source)
     film = scene.sensors()[0].film()
     width, height = (int(x) for x in film.size())

@@ -46,6 +46,7 @@ from lightwell.files import write_atomically
 from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
 from lightwell.scenes import load
+from lightwell.scenes.edits import edited
 from lightwell.scenes.lamp_clips import lamp_clips
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import by_light, to_json
@@ -135,9 +136,13 @@ def loaded(settings: BakeSettings | CompareSettings) -> Scene:
         The scene.
 
     Raises:
-        ValueError: The scene has no triangles, or no environment map that could turn as is declared.
+        ValueError: The scene has no triangles, no environment map that could turn as is declared, or not what is
+            edited; or a cluster is to trace edits.
     """
-    scene = with_turning(load(settings.scene, **settings.loading), settings.vary)
+    if settings.edits and settings.cluster:
+        raise ValueError("bake: --cluster traces the scene of the file; leave it out, or --edits")
+    scene = load(settings.scene, **settings.loading)
+    scene = with_turning(edited(scene, settings.edits) if settings.edits else scene, settings.vary)
     if scene.surrounding is not None and settings.cluster:
         raise ValueError(f"bake: --cluster traces what stands still; leave it out, or drop {ROTATED} from --vary")
     if not scene.meshes or not sum(len(mesh.indices) for mesh in scene.meshes):

@@ -13,6 +13,7 @@ from lightwell.core.scene_options import SceneOptions
 from lightwell.fields.budget import Budget
 from lightwell.fields.registry import DEFAULT, option_homes, options_type
 from lightwell.fields.request import Request
+from lightwell.scenes.edits import SceneEdits, read_edits
 
 
 def _time(text: str) -> Budget:
@@ -33,6 +34,12 @@ class Reported(Request, SceneOptions, ClusterOptions):
         parse=_time,
         metavar="TIME",
         group="report",
+    )
+    edits: SceneEdits | None = option(
+        None,
+        "apply the edits that 'lightwell live' wrote: surfaces moved, lamps dimmed, materials painted",
+        parse=read_edits,
+        metavar="FILE",
     )
     view_size: tuple[int, int] = (224, 140)
     """Width and height of the report's views, pixels."""

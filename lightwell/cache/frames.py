@@ -30,13 +30,14 @@ Traced = tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]
 """Radiance, whether a surface was hit, length, footprint over that of the primary hit, position on the film."""
 
 
-def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int) -> Rays:
+def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int, pixel: mi.UInt32 | None = None) -> Rays:
     """Sample camera rays with the integrator's own (0,2) sequences.
 
     Args:
         sensor: Mitsuba sensor.
         numbers: Index of the first sample of each pixel, samples per pixel of this pass (≥ 1), and seed of the image.
         count: Number of lanes N: pixels * samples per pixel.
+        pixel: [N] row-major pixel of each lane, of one sample each; None: all pixels in order.
 
     Returns:
         Rays [N], their weights [N], positions on the film in pixels [N], and the random numbers for the rest of the
@@ -46,8 +47,10 @@ def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int) -> Rays:
     film = sensor.film()
     size = film.crop_size()
     lane = dr.arange(mi.UInt32, count)
-    pixel = lane // spp
-    sampler = draws(pixel, first + lane - pixel * spp, seed)
+    if pixel is None:
+        pixel = lane // spp
+        first = first + lane - pixel * spp
+    sampler = draws(pixel, first, seed)
     width = dr.opaque(mi.UInt32, int(size.x))
     y = pixel // width
     at = mi.Point2f(pixel - y * width, y)

@@ -1,123 +1,67 @@
-"""Live session: a scene whose camera, lights and objects are moved while the cache keeps training."""
+"""Live session: a scene whose camera, lights, objects and materials change while the cache keeps training."""
 
 from __future__ import annotations
 
-import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats
-from lightwell.cache.frames import sobol_pass
+from lightwell.cache.live_bake import ChildBake
+from lightwell.cache.live_baked import baked_image
 from lightwell.cache.live_commands import Command, parse_command
-from lightwell.cache.live_scene import LiveScene
+from lightwell.cache.live_panel import LivePanel
+from lightwell.cache.live_picture import LivePicture
+from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
 from lightwell.cache.warm_start import BakedLight, warm_start
-from lightwell.core.color import SRGB_A, SRGB_GAMMA, SRGB_SLOPE, SRGB_TOE
-from lightwell.core.image_io import encoded
 from lightwell.scenes import load
+from lightwell.scenes.edits import SceneEdits
+from lightwell.scenes.placing import initial_light, sample_cameras
+from lightwell.scenes.scene import Camera, Scene
+from lightwell.scenes.variables import declare
 
-# Largest number of frames averaged while nothing moves; points of the loss curve that are kept.
-MOST_FRAMES, CURVE = 512, 240
-JPEG_QUALITY = 88
-# Displayed value of the brightest tenth of an image.
-BRIGHT = 0.7
-
-
-# The exposure looks at one pixel of so many.
-SAMPLED = 7
-
-
-def _codes(linear: mi.Float) -> Any:
-    """sRGB codes 0 to 255 as bytes on the device; what is not finite is black."""
-    x = dr.clip(dr.select(dr.isfinite(linear), linear, 0), 0, 1)
-    curve = (1 + SRGB_A) * dr.power(dr.maximum(x, SRGB_TOE), 1 / SRGB_GAMMA) - SRGB_A
-    return dr.uint8_array_t(mi.Float)(dr.select(x <= SRGB_TOE, SRGB_SLOPE * x, curve) * 255 + 0.5)
+# Points of the loss curve that are kept.
+CURVE = 240
+# Frames of the cache at the first hit that are averaged; pixels of the baked field per edge while something moves.
+FIRST_HIT_FRAMES, BAKED_SHARE = 16, 4
+# Seconds without a frame while a bake has the processor and nothing moves.
+YIELDED = 0.25
 
 
-class LivePanels:
-    """Images of the page: averages over the frames since something moved. All panels but these are views."""
+def first_view(loaded: Scene) -> tuple[Camera, Lamp | None]:
+    """Choose the first camera of a session, and a lamp where the scene has no light.
 
-    def __init__(self, size: int) -> None:
-        """Start without frames.
+    Args:
+        loaded: The scene.
 
-        Args:
-            size: Edge of the square images, pixels.
-        """
-        self.still = 0
-        """Frames since something moved."""
-        self._size = size
-        self._sums: dict[str, mi.Float] = {}
-        self._jpegs: dict[str, bytes] = {}
-        self._exposure = 0.0
-        self._lock = threading.Lock()
-
-    def restart(self) -> None:
-        """Restart the averages."""
-        self.still = 0
-        self._sums = {}
-
-    def add(self, name: str, image: mi.Float) -> None:
-        """Add a frame to an average; ``still`` counts the frames.
-
-        Args:
-            name: 'cache-image' or 'path'.
-            image: [H * W * 3] radiance on the device.
-        """
-        self._sums[name] = self._sums[name] + image if name in self._sums else image
-        dr.eval(self._sums[name])
-
-    def means(self) -> dict[str, mi.Float]:
-        """Return the averages.
-
-        Returns:
-            Name to [H * W * 3] radiance; black where there are no frames yet.
-        """
-        share = dr.opaque(mi.Float, 1 / max(self.still, 1))
-        black = dr.zeros(mi.Float, self._size**2 * 3)
-        return {name: self._sums.get(name, black) * share for name in ("cache-image", "path")}
-
-    def publish(self, images: Mapping[str, mi.Float]) -> None:
-        """Expose and encode images for the page; the exposure follows the rendered one slowly.
-
-        Args:
-            images: Name to [H * W * 3] radiance; 'cache-image' among them.
-        """
-        lane = dr.arange(mi.UInt32, self._size**2 // SAMPLED) * SAMPLED
-        sample = np.array(dr.gather(mi.Color3f, images["cache-image"], lane)).mean(axis=0)
-        bright = float(np.percentile(sample, 90)) or 1.0
-        first = not self._exposure or self.still <= 1
-        self._exposure = BRIGHT / bright if first else 0.9 * self._exposure + 0.1 * BRIGHT / bright
-        exposure = dr.opaque(mi.Float, self._exposure)
-        shown = {name: _codes(image * exposure) for name, image in images.items()}
-        dr.eval(shown)
-        shape = (self._size, self._size, 3)
-        pictures = {name: np.array(codes).reshape(shape) for name, codes in shown.items()}
-        made = {name: encoded(picture, "JPEG", quality=JPEG_QUALITY) for name, picture in pictures.items()}
-        with self._lock:
-            self._jpegs |= made
-
-    def jpegs(self) -> dict[str, bytes]:
-        """Return the encoded images; may be called from any thread.
-
-        Returns:
-            Name to JPEG file.
-        """
-        with self._lock:
-            return dict(self._jpegs)
+    Returns:
+        The scene's first camera, or one in free air; and a point light that lights much of what it sees, or None.
+    """
+    variable = declare((), loaded)
+    camera = loaded.cameras[0] if loaded.cameras else sample_cameras(loaded, variable, 1, 0)[0]
+    if loaded.mi.emitters():
+        return camera, None
+    return camera, Lamp(initial_light(loaded, variable, camera), loaded.core_extent**2)
 
 
 class LiveSession:
     """Renders a scene continuously in one thread, while a page reads ``state`` and sends commands from others."""
 
     def __init__(
-        self, source: str, settings: CacheSettings, size: int = 256, cache_from: Path | None = None, **options: Any
+        self,
+        source: str,
+        settings: CacheSettings,
+        size: int = 512,
+        cache_from: Path | None = None,
+        baker: Callable[[SceneEdits, str], ChildBake] | None = None,
+        **options: Any,
     ) -> None:
         """Load a scene and make a cache.
 
@@ -126,24 +70,40 @@ class LiveSession:
             settings: Settings of the cache.
             size: Edge of the square image, pixels.
             cache_from: ``scene.glb`` of a bake of the scene, from which the cache starts; None: untrained.
+            baker: Starts a bake of the scene with edits, at a quality; None: the page has no such button.
             **options: Options of ``lightwell.scenes.load``.
         """
         loaded = load(source, **options)
-        self.live = LiveScene(loaded, size)
+        self.live = LiveScene(loaded, size, *first_view(loaded))
         self._settings, self._size = settings, size
         self.cache = RadianceCache(settings)
         self.cache.prepare(self.live.scene)
+        self.baked: BakedLight | None = None
+        """Fields of a bake of the scene; None: there is none yet."""
         if cache_from is not None:
-            warm_start(self.cache, self.live, loaded, BakedLight.read(cache_from), 0)
-        self.panels = LivePanels(size)
+            self.baked = BakedLight.read(cache_from)
+            warm_start(self.cache, self.live, loaded, self.baked, 0)
+        self.panel = LivePanel(size)
+        self.shown = "cache"
+        """What the page shows, one of ``live_commands.PICTURES``."""
+        self.pictures = {name: LivePicture(size, name == "cache") for name in ("cache", "path")}
+        """Progressive pictures."""
         self.running = True
         self.frames = 0
         """Frames since the session began."""
+        self.still = 0
+        """Frames since something moved."""
         self.failure = ""
         """Why the session has ended; '': it has not."""
+        self.bake: ChildBake | None = None
+        """The last bake that was started; None: none."""
+        self._baker = baker
+        self._taken_over = True
+        self._first_hit: np.ndarray | None = None
+        self._baked_at = 0
         self._commands: deque[Command] = deque(maxlen=256)
         self._curve: deque[tuple[int, float]] = deque(maxlen=CURVE)
-        self._milliseconds = {"train": 0.0, "cache-image": 0.0, "path": 0.0, "views": 0.0}
+        self._milliseconds = {"train": 0.0, "picture": 0.0, "encode": 0.0}
 
     # ------------------------------------------------------------------ commands
 
@@ -152,31 +112,75 @@ class LiveSession:
 
         Args:
             order: JSON object as text or as a mapping; ``parse_command`` raises ``ValueError`` for an invalid one.
+
+        Raises:
+            ValueError: The command is invalid, or cannot be executed now.
         """
-        self._commands.append(parse_command(order, {t["index"] for t in self.live.things}))
+        things = {t["index"] for t in self.live.things}
+        command = parse_command(order, things, {m["index"] for m in self.live.materials})
+        if command.picture == "baked" and self.baked is None:
+            raise ValueError("live: nothing is baked yet; bake the scene first, or start with --cache-from")
+        if command.do == "bake" and self._baker is None:
+            raise ValueError("live: this session does not bake")
+        self._commands.append(command)
 
     def obey(self) -> None:
         """Execute the commands in the queue."""
-        moved = False
         while self._commands:
             order = self._commands.popleft()
             if order.do == "freeze":
                 self.cache.frozen = not self.cache.frozen
-                continue
-            if order.do == "orbit":
+            elif order.do == "bake":
+                self._start_bake(order.quality)
+            elif order.do == "orbit":
                 self.live.orbit(order.x, order.y, order.z)
-            elif order.do == "reset":
-                self.cache = RadianceCache(self._settings, self.cache.region.box)
-                self.cache.prepare(self.live.scene)
+                self._restart(lambda picture: picture.moved())
+            elif order.do == "show":
+                self._show(order.picture)
             else:
-                if order.do == "move":
-                    self.live.move(order.thing, np.array([order.x, order.y, order.z]))
-                else:
-                    self.live.brighten(order.thing, order.factor)
-                self.cache.scene_changed("light")
-            moved = True
-        if moved:
-            self.panels.restart()
+                self._change(order)
+
+    def _change(self, order: Command) -> None:
+        """Change the scene, or forget what was learned of it."""
+        if order.do == "reset":
+            self.cache = RadianceCache(self._settings, self.cache.region.box)
+            self.cache.prepare(self.live.scene)
+            return self._restart(lambda picture: picture.forget())
+        if order.do == "move":
+            self.live.move(order.thing, np.array([order.x, order.y, order.z]))
+        elif order.do == "brighten":
+            self.live.brighten(order.thing, order.factor)
+        else:
+            self.live.paint(order.material, order.color, order.roughness)
+        painted = order.do == "paint"
+        self.cache.scene_changed("material" if painted else "light", self.live.scene if painted else None)
+        self._restart(lambda picture: picture.changed())
+
+    def _restart(self, begin: Callable[[LivePicture], None]) -> None:
+        """Begin all pictures anew."""
+        for picture in self.pictures.values():
+            begin(picture)
+        self._first_hit, self.still, self._baked_at = None, 0, 0
+
+    def _show(self, name: str) -> None:
+        """Show another picture: those that were not shown have not followed the camera."""
+        self.shown = name
+        self._restart(lambda picture: picture.forget())
+
+    def _start_bake(self, quality: str) -> None:
+        if self._baker is not None and (self.bake is None or not self.bake.state()["running"]):
+            self.bake, self._taken_over = self._baker(self.live.edits, quality), False
+
+    def _take_over(self) -> None:
+        """Read what a bake has written, once it is there."""
+        if self.bake is None or self._taken_over:
+            return
+        state = self.bake.state()
+        if state["running"]:
+            return
+        self._taken_over = True
+        if not state["failed"]:
+            self.baked, self._baked_at = BakedLight.read(self.bake.out / "scene.glb"), 0
 
     # ------------------------------------------------------------------ frames
 
@@ -185,39 +189,70 @@ class LiveSession:
         while self.running:
             try:
                 self.obey()
+                self._take_over()
                 self.frame()
+                if self.still > 1 and self.bake is not None and not self._taken_over:
+                    time.sleep(YIELDED)
             except Exception as error:
                 self.failure = " ".join(str(error).split())[:500]
                 self.running = False
 
     def frame(self) -> None:
-        """Train, render with the cache and by path tracing, and every other frame render the other panels."""
-        seed = self.frames & 0xFFFFFF
-        # An untrained cache, or one whose scene has just changed, trains with larger frames; images rendered meanwhile
-        # are not averaged.
+        """Train, render what is shown, and encode it where it has changed."""
+        # An untrained cache, or one whose scene has just changed, trains with larger frames; the light of its pictures
+        # has little weight.
         if self.cache.schedule.eager:
-            self.panels.restart()
+            self.pictures["cache"].changed()
         with dr.suspend_grad():
             start = time.perf_counter()
             stats = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
             self._took("train", start)
-            if self.panels.still < MOST_FRAMES:
-                for name, caching in (("cache-image", True), ("path", False)):
-                    start = time.perf_counter()
-                    self.panels.add(name, self._render(caching, seed))
-                    self._took(name, start)
-                self.panels.still += 1
             start = time.perf_counter()
-            means = self.panels.means()
-            if self.frames % 2 == 0:
-                shown = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, seed)
-                means["cache"] = upload_floats(shown.ravel())
-                means["error"] = dr.abs(means["cache-image"] - means["path"])
-            self._took("views", start)
+            image = self._image()
+            self._took("picture", start)
+            start = time.perf_counter()
+            if image is not None:
+                self.panel.publish(image, self.shown != "difference")
+                self._took("encode", start)
         if np.isfinite(stats.loss):
             self._curve.append((self.frames, stats.loss))
-        self.panels.publish(means)
         self.frames += 1
+        self.still += 1
+
+    def _image(self) -> mi.Float | None:
+        """[3 N] radiance of what is shown; None where it is as before."""
+        if self.shown == "baked":
+            return self._baked_image()
+        if self.shown == "first-hit":
+            return self._first_hit_image()
+        names = ("cache", "path") if self.shown == "difference" else (self.shown,)
+        scene, sensor = self.live.scene, self.live.sensor
+        new = [self.pictures[name].advance(scene, sensor, self.cache, self.panel.exposure) for name in names]
+        if not any(new):
+            return None
+        images = [self.pictures[name].image for name in names]
+        return images[0] if len(images) == 1 else dr.abs(images[0] - images[1])
+
+    def _baked_image(self) -> mi.Float | None:
+        """The baked field: coarse while something moves, once at full size at rest."""
+        assert self.baked is not None
+        coarse = self.still == 0
+        if self._baked_at == 2 or (self._baked_at == 1 and coarse):
+            return None
+        self._baked_at = 1 if coarse else 2
+        share = BAKED_SHARE if coarse else 1
+        picture = baked_image(self.live, self.baked, max(self._size // share, 1))
+        whole = picture.repeat(share, axis=0).repeat(share, axis=1)
+        edge = self._size - len(whole)
+        return upload_floats(np.pad(whole, ((0, edge), (0, edge), (0, 0)), mode="edge").ravel())
+
+    def _first_hit_image(self) -> mi.Float | None:
+        """The mean of the cache's values at what the camera sees; it follows the training."""
+        shown = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, self.frames & 0xFFFFFF)
+        count = min(self.still + 1, FIRST_HIT_FRAMES)
+        before = shown if self._first_hit is None else self._first_hit
+        self._first_hit = before + (shown - before) / count
+        return upload_floats(self._first_hit.ravel())
 
     def _took(self, name: str, start: float) -> None:
         dr.sync_thread()
@@ -225,26 +260,24 @@ class LiveSession:
         before = self._milliseconds[name]
         self._milliseconds[name] = now if before == 0 else 0.8 * before + 0.2 * now
 
-    def _render(self, caching: bool, seed: int) -> mi.Float:
-        """One sample per pixel, [H * W * 3] on the device."""
-        still, size = self.panels.still, self._size
-        numbers = [dr.opaque(mi.UInt32, x) for x in (still, 1, seed if still == 0 else 7)]
-        L, *_ = sobol_pass(self.live.scene, self.live.sensor, self.cache, numbers, size**2, "biased", 1.0, caching)
-        return dr.ravel(L)
-
     def state(self) -> dict[str, Any]:
-        """Return the numbers that the page shows beside the images.
+        """Return the numbers that the page shows beside the image.
 
         Returns:
             Dictionary of JSON types.
         """
         last = self.cache.history[-1] if self.cache.history else None
+        picture = self.pictures.get(self.shown, self.pictures["cache"])
+        bake = None if self.bake is None else {**self.bake.state(), "taken": self._taken_over}
         return {
-            "scene": self.live.name, "frame": self.frames, "still": self.panels.still, "frozen": self.cache.frozen,
+            "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self.still,
+            "shown": self.shown, "samples": picture.spp, "frozen": self.cache.frozen, "size": self._size,
             "milliseconds": {k: round(v, 1) for k, v in self._milliseconds.items()},
-            "curve": [list(p) for p in self._curve.copy()], "things": self.live.things, "failure": self.failure,
+            "curve": [list(p) for p in self._curve.copy()], "things": self.live.things,
+            "materials": self.live.materials, "failure": self.failure,
             "records": last.records if last else 0, "dropped": last.dropped if last else 0,
             "steps": self.cache.predictor.learner.step, "scale": float(np.nan_to_num(self.cache.predictor.scale.value)),
-            "changes": self.cache.changes,
+            "changes": self.cache.changes, "bakes": self._baker is not None, "bake": bake,
+            "baked": self.baked is not None,
             "bias": list(last.bias) if last and np.isfinite(last.bias).all() else None,
         }  # fmt: skip

@@ -8,6 +8,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lightwell.fields.budget import QUALITY_SECONDS
+from lightwell.scenes.edits import LEAST_ROUGHNESS
+
 # Largest magnitudes: radians or exponents of e of a camera movement; shift of an object in scene extents.
 CAMERA, SHIFT = 100.0, 1.0
 # Range of the factor of a light.
@@ -15,9 +18,13 @@ DARKEST, BRIGHTEST = 0.01, 100.0
 # Keys that a command may have beside ``do``; those that it must have.
 KEYS: Mapping[str, tuple[str, ...]] = {
     "orbit": ("x", "y", "z"), "move": ("thing", "x", "y", "z"), "brighten": ("thing", "factor"),
+    "paint": ("material", "red", "green", "blue", "roughness"), "show": ("picture",), "bake": ("quality",),
     "reset": (), "freeze": (),
 }  # fmt: skip
-NEEDED = ("thing", "factor")
+NEEDED = ("thing", "factor", "material", "picture")
+# What the page may show.
+PICTURES = ("cache", "path", "baked", "first-hit", "difference")
+COLOR = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
@@ -34,21 +41,34 @@ class Command:
     """``orbit``: two angles in radians and the exponent of e of the approach; ``move``: a vector in scene extents."""
     factor: float = 1.0
     """Factor of the radiance of a light."""
+    material: int = 0
+    """Index of a material."""
+    color: tuple[float, float, float] | None = None
+    """Its linear colour in [0, 1]; None: as it is."""
+    roughness: float | None = None
+    """Its roughness; None: as it is."""
+    picture: str = ""
+    """One of ``PICTURES``."""
+    quality: str = "draft"
+    """Of a bake, one of ``QUALITY_SECONDS``."""
 
 
-def parse_command(data: bytes | Mapping[str, Any], things: Collection[int]) -> Command:
+def parse_command(
+    data: bytes | Mapping[str, Any], things: Collection[int], materials: Collection[int] = ()
+) -> Command:  # fmt: skip
     """Check a command.
 
     Args:
         data: JSON object, as text or parsed: ``do`` and the keys of that command.
         things: Valid indices of ``thing``.
+        materials: Valid indices of ``material``.
 
     Returns:
         The command.
 
     Raises:
         ValueError: Not a JSON object, an unknown command or key, a missing key, a value that is not a number or out of
-            range, or an unknown ``thing``.
+            range, an unknown ``thing``, ``material`` or ``picture``, or a part of a colour.
     """
     try:
         order = json.loads(data) if isinstance(data, bytes) else dict(data)
@@ -63,14 +83,26 @@ def parse_command(data: bytes | Mapping[str, Any], things: Collection[int]) -> C
         raise ValueError(f"live: '{do}' has no '{extra[0][:40]}'; it takes {', '.join(KEYS[do]) or 'nothing'}")
     if missing := [key for key in KEYS[do] if key in NEEDED and key not in order]:
         raise ValueError(f"live: '{do}' needs '{missing[0]}'")
-    if "thing" in order and (type(order["thing"]) is not int or order["thing"] not in things):
-        raise ValueError("live: there is no such thing")
+    for key, known in (("thing", things), ("material", materials)):
+        if key in order and (type(order[key]) is not int or order[key] not in known):
+            raise ValueError(f"live: there is no such {key}")
+    for key, words in (("picture", PICTURES), ("quality", QUALITY_SECONDS)):
+        if key in order and (not isinstance(order[key], str) or order[key] not in words):
+            raise ValueError(f"live: there is no such {key}; expected one of {', '.join(words)}")
     most = CAMERA if do == "orbit" else SHIFT
     for key in ("x", "y", "z"):
         _check(order, key, -most, most)
     _check(order, "factor", DARKEST, BRIGHTEST)
-    numbers = {key: float(value) for key, value in order.items() if key != "thing"}
-    return Command(do, order.get("thing", 0), **numbers)
+    for key in COLOR:
+        _check(order, key, 0, 1)
+    _check(order, "roughness", LEAST_ROUGHNESS, 1)
+    if 0 < len(channels := [float(order.pop(key)) for key in COLOR if key in order]) < len(COLOR):
+        raise ValueError("live: a colour has red, green and blue")
+    color = (channels[0], channels[1], channels[2]) if channels else None
+    names = ("thing", "material", "picture", "quality")
+    chosen = {key: order[key] for key in names if key in order}
+    numbers = {key: float(value) for key, value in order.items() if key not in names}
+    return Command(do, color=color, **chosen, **numbers)
 
 
 def _check(order: Mapping[str, Any], key: str, least: float, most: float) -> None:

@@ -6,11 +6,16 @@ import base64
 import json
 import threading
 import webbrowser
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lightwell.cache.live import LiveSession
+from lightwell.cache.live_bake import ChildBake
 from lightwell.cache.settings import CacheSettings
+from lightwell.scenes.edits import SceneEdits
+from lightwell.serving.folder import files_of
 from lightwell.serving.server import Answer, Application, LocalServer, Request
 
 PAGE = Path(__file__).with_name("live.html")
@@ -30,7 +35,8 @@ def open_live(session: LiveSession, port: int = 0) -> LocalServer:
 
 
 def page_of(session: LiveSession) -> Application:
-    """Make the web application of a session: GET / is the page, GET /frame images and numbers, POST /command.
+    """Make the web application of a session: GET / is the page, GET /frame the picture and numbers, POST /command,
+    GET /baked/… what a bake of the session has written.
 
     Args:
         session: Session to show.
@@ -42,6 +48,8 @@ def page_of(session: LiveSession) -> Application:
     frames = _Frames(session)
 
     def answer(request: Request) -> Answer:
+        if request.path.startswith("/baked/") and session.bake is not None:
+            return files_of(session.bake.out)(replace(request, path=request.path.removeprefix("/baked")))
         known = {"/": "GET, HEAD", "/frame": "GET, HEAD", "/command": "POST"}.get(request.path)
         if known is None:
             return Answer.of(404, b"there is nothing here")
@@ -69,13 +77,12 @@ class _Frames:
         self._body = b""
 
     def answer(self) -> Answer:
-        """The newest images and numbers."""
+        """The newest picture and numbers."""
         with self._lock:
             state = self._session.state()
             if state != self._state:
-                jpegs = self._session.panels.jpegs()
-                pictures = {name: base64.b64encode(data).decode() for name, data in jpegs.items()}
-                self._body = json.dumps(state | {"pictures": pictures}, allow_nan=False).encode()
+                image = base64.b64encode(self._session.panel.jpeg()).decode()
+                self._body = json.dumps(state | {"image": image}, allow_nan=False).encode()
                 self._state = state
             return Answer.of(200, self._body, "application/json")
 
@@ -83,10 +90,11 @@ class _Frames:
 def live(
     source: str,
     settings: CacheSettings,
-    size: int = 256,
+    size: int = 512,
     port: int = 0,
     browser: bool = True,
     cache_from: Path | None = None,
+    baker: Callable[[SceneEdits, str], ChildBake] | None = None,
     **options: Any,
 ) -> None:
     """Serve the live page until interrupted.
@@ -103,13 +111,14 @@ def live(
         port: Port; 0: any free one.
         browser: Whether to open the page in the default browser.
         cache_from: ``scene.glb`` of a bake of the scene, from which the cache starts; None: untrained.
+        baker: Starts a bake of the scene with edits, at a quality; None: the page has no such button.
         **options: Options of ``lightwell.scenes.load``.
     """
     failures: list[Exception] = []
 
     def work() -> None:
         try:
-            session = LiveSession(source, settings, size, cache_from, **options)
+            session = LiveSession(source, settings, size, cache_from, baker, **options)
             with open_live(session, port) as server:
                 print(f"{server.url}  (Ctrl-C ends)", flush=True)
                 if browser:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -67,6 +67,36 @@ def denoise(
     settings = {"clean_aux": True} if clean_guides else {}
     clean = np.asarray(oidn.denoise(noisy * scale, hdr=True, filter=filter, **settings, **guides), np.float32) / scale
     return np.where(np.isfinite(clean).all(axis=-1, keepdims=True), np.maximum(clean, 0), noisy)
+
+
+def denoise_fast(color: Any, albedo: Any, normal: Any, scale: float) -> Any:
+    """Remove the noise of a picture that is shown for a moment: less well than ``denoise``, in an eighth of its time.
+
+    Args:
+        color: [H, W, 3] Dr.Jit tensor, linear radiance ≥ 0, finite.
+        albedo: [H, W, 3] tensor, reflectance in [0, 1] without noise.
+        normal: [H, W, 3] tensor, normals in [-1, 1] without noise.
+        scale: What makes the radiance about 1.
+
+    Returns:
+        [H, W, 3] tensor.
+
+    Raises:
+        ValueError: Open Image Denoise is not installed; call ``missing`` first.
+    """
+    from lightwell.backend import dr
+
+    try:
+        import mitsuba_oidn as oidn
+    except ImportError:
+        raise ValueError(f"denoise: {MISSING}") from None
+    factor = dr.opaque(type(color.array), scale)
+    images = (color * factor, albedo, normal)
+    dr.eval(images)
+    dr.sync_thread()
+    guides = {"albedo": images[1], "normal": images[2]}
+    clean = oidn.denoise(images[0], hdr=True, clean_aux=True, quality=oidn.Quality.Fast, **guides)
+    return clean / factor
 
 
 def clean_guide_images(albedo: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

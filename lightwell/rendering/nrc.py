@@ -37,9 +37,7 @@ class Film:
         lamp = None
         if shot.light is not None or shot.intensity is not None:
             lamp = Lamp(shot.good_light, 1.0 if shot.intensity is None else shot.intensity)
-        # A scene without cameras is viewed from outside of its bounds.
-        camera = shot.camera if shot.scene.cameras else None
-        self.live = LiveScene(shot.scene, 16, camera, lamp)
+        self.live = LiveScene(shot.scene, 16, shot.camera, lamp)
         self.spp = settings.spp
         self.exposure = None if shot.intensity is None else 1.0
         """Of pictures for screens; None: automatic."""
@@ -65,16 +63,10 @@ class Film:
             The film.
 
         Raises:
-            ValueError: The picture's name is of no known kind; or output variables are asked for without a camera.
+            ValueError: The picture's name is of no known kind.
         """
         check_picture_name(settings.out)
-        film = Film(settings)
-        if settings.aov and not film.shot.scene.cameras:
-            name = settings.integrator
-            raise ValueError(
-                f"render: --aov with --integrator {name} needs a camera in the scene; add one, or leave --aov out"
-            )
-        return film
+        return Film(settings)
 
     def turn(self, radians: float) -> None:
         """Turn the camera around its target.

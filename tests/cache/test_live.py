@@ -6,16 +6,22 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import deque
 
 import numpy as np
 import pytest
 
+from lightwell.baking.pipeline import bake
+from lightwell.baking.settings import BakeSettings
 from lightwell.cache import settings_of
 from lightwell.cache.live import LiveSession
+from lightwell.cache.live_baked import baked_image
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
+from lightwell.cache.warm_start import BakedLight
+from lightwell.fields.budget import Budget
 from lightwell.limits import Limits
 from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
@@ -27,16 +33,16 @@ class Stub:
     """A session that renders nothing."""
 
     def __init__(self):
-        self.panels, self.orders = self, deque()
+        self.panel, self.orders, self.bake = self, deque(), None
 
     def state(self):
         return {"frame": 1}
 
-    def jpegs(self):
-        return {"path": b"x"}
+    def jpeg(self):
+        return b"x"
 
     def command(self, order):
-        self.orders.append(parse_command(order, (-1, 4)))
+        self.orders.append(parse_command(order, (-1, 4), (2,)))
 
 
 @pytest.fixture
@@ -56,7 +62,7 @@ def _ask(server, method, path, body=None, **headers):
 
 def test_the_page_and_its_frames_are_served(page):
     assert b"lightwell live" in _ask(page, "GET", "/")[1]
-    assert json.loads(_ask(page, "GET", "/frame")[1])["pictures"] == {"path": "eA=="}
+    assert json.loads(_ask(page, "GET", "/frame")[1])["image"] == "eA=="
     assert _ask(page, "GET", "/etc/passwd")[0] == 404
     assert _ask(page, "GET", "/command")[0] == 405 and _ask(page, "POST", "/")[0] == 405
 
@@ -91,6 +97,15 @@ def test_other_sites_neither_look_nor_act(page):
         (b'{"do": "move", "thing": 5}', "no such thing"),
         (b'{"do": "move", "thing": true}', "no such thing"),
         (b'{"do": "brighten", "thing": 4, "factor": 0}', "'factor' is a number"),
+        (b'{"do": "paint", "red": 1, "green": 1, "blue": 1}', "needs 'material'"),
+        (b'{"do": "paint", "material": 4, "roughness": 0.5}', "no such material"),
+        (b'{"do": "paint", "material": 2, "roughness": 0.001}', "'roughness' is a number from 0.05 to 1"),
+        (b'{"do": "paint", "material": 2, "red": 0.5}', "red, green and blue"),
+        (b'{"do": "paint", "material": 2, "red": 2, "green": 0, "blue": 0}', "'red' is a number"),
+        (b'{"do": "show"}', "needs 'picture'"),
+        (b'{"do": "show", "picture": "../x"}', "no such picture"),
+        (b'{"do": "bake", "quality": ["draft"]}', "no such quality"),
+        (b'{"do": "bake", "scene": "x"}', "has no 'scene'"),
     ],
 )
 def test_what_is_no_command_is_refused(page, body, text):
@@ -106,15 +121,17 @@ def test_every_command_of_the_page_is_one():
     for order in (
         {"do": "orbit", "x": 20.0, "y": -3.0}, {"do": "orbit", "z": -0.08}, {"do": "freeze"}, {"do": "reset"},
         {"do": "move", "thing": -1, "x": 0, "y": -0.04, "z": 0}, {"do": "brighten", "thing": 4, "factor": 0.5},
+        {"do": "paint", "material": 2, "red": 1, "green": 0.5, "blue": 0}, {"do": "bake", "quality": "draft"},
+        {"do": "paint", "material": 2, "roughness": 0.3}, {"do": "show", "picture": "first-hit"}, {"do": "bake"},
     ):  # fmt: skip
-        assert parse_command(json.dumps(order).encode(), (-1, 4)).do == order["do"]
+        assert parse_command(json.dumps(order).encode(), (-1, 4), (2,)).do == order["do"]
 
 
 def test_a_session_renders_obeys_and_goes_on():
     session = LiveSession("cornell", settings_of(SMALL), 24)
     session.frame()
     session.frame()
-    assert set(session.panels.jpegs()) == {"cache-image", "path", "cache", "error"} and session.panels.still == 1
+    assert session.panel.jpeg().startswith(b"\xff\xd8") and session.panel.number == 2
     light = next(t["index"] for t in session.live.things if t["light"])
     with pytest.raises(ValueError, match="no such thing"):
         session.command({"do": "move", "thing": 999})
@@ -125,13 +142,100 @@ def test_a_session_renders_obeys_and_goes_on():
     session.command({"do": "move", "thing": light, "x": 0.05})
     session.command({"do": "brighten", "thing": light, "factor": 0.5})
     session.obey()
-    assert (
-        not np.allclose(before, session.live.camera.position)
-        and session.panels.still == 0
-        and session.cache.changes == 2
-    )
-    session.frame()
+    assert not np.allclose(before, session.live.camera.position) and session.still == 0 and session.cache.changes == 2
+    for name in ("path", "first-hit", "difference"):
+        session.command({"do": "show", "picture": name})
+        session.obey()
+        number = session.panel.number
+        session.frame()
+        assert session.panel.number == number + 1 and session.state()["shown"] == name
     json.dumps(session.state(), allow_nan=False)
+
+
+def test_painted_walls_change_the_picture_and_the_material():
+    session = LiveSession("cornell", settings_of(SMALL), 24)
+    session.command({"do": "show", "picture": "path"})
+    white = next(m["index"] for m in session.live.materials if m["name"] == "white")
+    means = []
+    for color in (None, {"red": 0.7, "green": 0.02, "blue": 0.02}):
+        if color:
+            session.command({"do": "paint", "material": white, **color})
+        session.obey()
+        for _ in range(8):
+            session.frame()
+        means.append(np.array(session.pictures["path"].image).reshape(-1, 3).mean(axis=0))
+    assert means[1][1] < 0.5 * means[0][1] and means[1][0] > 0.6 * means[0][0]
+    assert session.live.edits.painted[white].color == (0.7, 0.02, 0.02)
+    # A second colour replaces the first.
+    session.command({"do": "paint", "material": white, "red": 0.725, "green": 0.71, "blue": 0.68})
+    session.obey()
+    for _ in range(8):
+        session.frame()
+    again = np.array(session.pictures["path"].image).reshape(-1, 3).mean(axis=0)
+    assert np.allclose(again, means[0], rtol=0.1)
+
+
+class Baker:
+    """Bakes nothing: says how far a bake is."""
+
+    def __init__(self, out):
+        self.out, self.running, self.asked = out, True, []
+
+    def __call__(self, edits, quality):
+        self.asked.append((edits, quality))
+        return self
+
+    def state(self):
+        return {"running": self.running, "seconds": 1.0, "line": "tracing", "failed": ""}
+
+
+def test_a_bake_is_taken_over_and_shown(tmp_path):
+    settings = BakeSettings("cornell", tmp_path, shards=1, steps=20, budget=Budget(20.0), views=1)
+    bake(settings)
+    baker = Baker(tmp_path)
+    session = LiveSession("cornell", settings_of(SMALL), 32, baker=baker)
+    with pytest.raises(ValueError, match="nothing is baked yet"):
+        session.command({"do": "show", "picture": "baked"})
+    session.command({"do": "move", "thing": 4, "x": 0.05})
+    session.command({"do": "bake", "quality": "good"})
+    session.command({"do": "bake"})
+    session.obey()
+    (edits, quality), *more = baker.asked
+    assert not more and quality == "good" and set(edits.moved) == {4}
+    assert session.state()["bake"]["running"] and not session.state()["baked"]
+    baker.running = False
+    threading.Thread(target=session.loop, daemon=True).start()
+    try:
+        wait_for(lambda: session.baked is not None)
+        session.command({"do": "show", "picture": "baked"})
+        wait_for(lambda: session.state()["shown"] == "baked")
+        number = session.panel.number
+        wait_for(lambda: session.panel.number > number)
+    finally:
+        session.running = False
+    assert not session.failure
+
+
+def wait_for(holds, seconds=30):
+    """Wait until something holds."""
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_the_baked_light_is_seen_from_the_camera_of_the_page(tmp_path):
+    # A checked field: radiance equal to a constant albedo times one, so that only what the camera sees matters.
+    session = LiveSession("cornell", settings_of(SMALL), 32)
+    for _ in range(4 * 24):
+        session.frame()
+    cached = np.array(session.pictures["cache"].image).reshape(32, 32, 3)
+    bake(BakeSettings("cornell", tmp_path, shards=2, steps=300, budget=Budget(40.0), views=1))
+    seen = baked_image(session.live, BakedLight.read(tmp_path / "scene.glb"), 32)
+    # The left wall is red and the right wall green in both; one is not the mirror image of the other.
+    for picture in (cached, seen):
+        assert picture[16, 2, 0] > 2 * picture[16, 2, 1] and picture[16, 29, 1] > 2 * picture[16, 29, 0]
+    assert np.corrcoef(cached.ravel(), seen.ravel())[0, 1] > 0.8
 
 
 def test_a_sequence_resumes_and_refuses_another_plan(tmp_path):
