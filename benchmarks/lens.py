@@ -12,6 +12,8 @@ to docs/images with --pictures.
 from __future__ import annotations
 
 import argparse
+import json
+import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -138,16 +140,45 @@ def speed(quick: bool) -> list[Row]:
     return rows
 
 
-def hd(quick: bool) -> list[Row]:
-    """A whole 1920×1080 frame, radius up to 32 px."""
-    height, width = (108, 192) if quick else (1080, 1920)
+def whole_frame(width: int, height: int, radius: float) -> tuple[np.ndarray, np.ndarray, LensCamera]:
+    """A chequered slope and a disc before it: colours [H, W, 3], depth [H, W], camera that blurs up to a radius."""
     y, x = np.mgrid[:height, :width]
     rgb = 0.2 + 0.6 * (((x // 40) + (y // 40)) % 2)[..., None] * np.array([1, 0.8, 0.6])
     camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
     depth = 2.0 + 8.0 * x / width
     depth[(x - width / 2) ** 2 + (y - height / 2) ** 2 < (height / 4) ** 2] = 1.2
     largest = np.abs(camera.confusion(depth, width)).max()
-    camera = replace(camera, fstop=float(largest / 32))
+    return rgb, depth, replace(camera, fstop=float(largest / radius))
+
+
+def uhd(quick: bool) -> list[Row]:
+    """A whole 3840×2160 frame, two layers, in a process of its own, whose memory is read at its end."""
+    words = [sys.executable, __file__, "--uhd", *(["--quick"] if quick else [])]
+    done = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
+    found = json.loads(done.stdout.strip().splitlines()[-1])
+    note = f"radius up to {found['radius']} px, 2 layers, in bands; the frame itself is {found['frame']:.2f} GB"
+    return [
+        at_most("3840x2160 RGB, 2 layers: time", 6, found["seconds"], "s", note),
+        at_most("3840x2160 RGB, 2 layers: peak memory of the process", 3, found["memory"], "GB", note),
+    ]
+
+
+def uhd_child(quick: bool) -> None:
+    """Blur the frame, and print seconds and the largest resident memory of the process."""
+    import resource
+
+    radius = 32 if quick else 64
+    rgb, depth, camera = whole_frame(*((384, 216) if quick else (3840, 2160)), radius)
+    lens = Lens(LensSettings(layers=2))
+    seconds = median_seconds(lambda: lens.apply(rgb, depth, None, camera), 1 if quick else 3)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    frame = (rgb.nbytes + depth.nbytes) / 1e9
+    print(json.dumps({"seconds": seconds, "memory": memory, "radius": radius, "frame": frame}), flush=True)
+
+
+def hd(quick: bool) -> list[Row]:
+    """A whole 1920×1080 frame, radius up to 32 px."""
+    rgb, depth, camera = whole_frame(*((192, 108) if quick else (1920, 1080)), 32)
     rows = []
     for layers in (1, 2):
         lens = Lens(LensSettings(layers=layers))
@@ -234,6 +265,7 @@ PARTS = {
     "psnr": psnr,
     "speed": speed,
     "hd": hd,
+    "uhd": uhd,
     "energy": energy,
     "spill": spill,
     "physical": physical,
@@ -251,7 +283,10 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="smoke run, writes nothing")
     parser.add_argument("--only", help=f"parts, of {', '.join(PARTS)}")
     parser.add_argument("--pictures", action="store_true", help="write the pictures of docs/lens.md")
+    parser.add_argument("--uhd", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.uhd:
+        return uhd_child(arguments.quick)
     for part in chosen("--only", arguments.only, PARTS):
         extra = (arguments.pictures,) if part in WITH_PICTURES else ()
         publish("lens", PARTS[part](arguments.quick, *extra), arguments.quick)

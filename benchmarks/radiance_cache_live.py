@@ -2,7 +2,8 @@
 
 A client asks for pictures as the page does, rests, then turns the camera. Quality is measured in a session of its own:
 the camera turns for a while and stops; every picture that the page would show from then on is compared with a
-path-traced reference of that camera, as displayed values, at the exposure of the page.
+path-traced reference of that camera, as displayed values, at the exposure of the page. The reference is denoised: its
+own noise would be most of what is measured.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from radiance_cache_truth import path_tracer
 from lightwell.backend import mi
 from lightwell.cache import settings_of
 from lightwell.cache.live import LiveSession
+from lightwell.cache.views import guides
 from lightwell.core.color import display
+from lightwell.core.denoise import denoise
 
 # Seconds of each measurement; frames after which kernels are compiled and the cache is no longer cold.
 SECONDS, WARM_FRAMES, PATIENCE = 6.0, 24, 240.0
@@ -109,7 +112,8 @@ def quality(source: str, size: int, spp: int = REFERENCE, turns: int = TURNS, wa
     for k in range(max(spp // CHUNK, 1)):
         part = mi.render(scene, sensor=sensor, integrator=path_tracer(), spp=min(CHUNK, spp), seed=1000 + k)
         truth += np.array(part)[..., :3]
-    wanted = display(truth / max(spp // CHUNK, 1) * session.panel.exposure)
+    guided = denoise(truth / max(spp // CHUNK, 1), *guides(scene, sensor, session.cache, 0))
+    wanted = display(guided * session.panel.exposure)
     curve = []
     for seconds, image in shown:
         found = display(np.array(image).reshape(size, size, 3) * session.panel.exposure)

@@ -204,9 +204,9 @@ class LiveSession:
         if self.cache.schedule.eager:
             self.pictures["cache"].changed()
         with dr.suspend_grad():
-            start = time.perf_counter()
-            stats = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
-            self._took("train", start)
+            # A camera that moves gets every second frame without training.
+            if self.still or self.cache.schedule.eager or self.frames % 2 == 0:
+                self._train()
             start = time.perf_counter()
             image = self._image()
             self._took("picture", start)
@@ -214,10 +214,16 @@ class LiveSession:
             if image is not None:
                 self.panel.publish(image, self.shown != "difference")
                 self._took("encode", start)
-        if np.isfinite(stats.loss):
-            self._curve.append((self.frames, stats.loss))
         self.frames += 1
         self.still += 1
+
+    def _train(self) -> None:
+        """Train on one frame."""
+        start = time.perf_counter()
+        stats = self.cache.train_frame(self.live.scene, self.live.sensor, 1)
+        self._took("train", start)
+        if np.isfinite(stats.loss):
+            self._curve.append((self.frames, stats.loss))
 
     def _image(self) -> mi.Float | None:
         """[3 N] radiance of what is shown; None where it is as before."""

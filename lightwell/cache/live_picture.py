@@ -35,6 +35,10 @@ MOST_SPP = 256
 SEED = 7
 
 
+Traced = tuple[LiveSurface, mi.Color3f, mi.Float]
+"""Surfaces [M], radiance [M] and light [3 M] of one pixel of each square."""
+
+
 class LivePicture:
     """Picture of one integrator, which gets better while nothing moves."""
 
@@ -97,12 +101,12 @@ class LivePicture:
         if self.spp >= MOST_SPP:
             return False
         phase = self.frames % len(ORDER)
-        surfaces, L = self._trace(scene, sensor, cache, phase)
+        surfaces, L, light = self._trace(scene, sensor, cache, phase)
         self._add(phase, surfaces, L)
         self.frames += 1
         self.still += 1
         if self.spp < SHOWN_SPP:
-            self._carry(scene, sensor, cache, surfaces, L, scale)
+            self._carry(scene, sensor, cache, surfaces, light, scale)
             return True
         if self.still < self._shown_at:
             return False
@@ -110,15 +114,13 @@ class LivePicture:
         self._shown_at = LATER * self.still
         return True
 
-    def _trace(self, scene: Any, sensor: Any, cache: RadianceCache, phase: int) -> tuple[LiveSurface, mi.Color3f]:
+    def _trace(self, scene: Any, sensor: Any, cache: RadianceCache, phase: int) -> Traced:
         """Trace a pixel of each square."""
         x, y = ORDER[phase]
         seed = SEED if self.still else self.frames & 0xFFFFFF
         numbers = [dr.opaque(mi.UInt32, n) for n in (x, y, self._counts[phase], seed)]
         traced = samples_of(cache.predictor.model, self.size, self.caching, sensor)
-        found: tuple[LiveSurface, mi.Color3f] = traced(
-            scene, sensor, cache.region.context, cache.predictor.packed("ema"), *numbers
-        )
+        found: Traced = traced(scene, sensor, cache.region.context, cache.predictor.packed("ema"), *numbers)
         return found
 
     def _add(self, phase: int, surfaces: LiveSurface, L: mi.Color3f) -> None:
@@ -130,26 +132,22 @@ class LivePicture:
         self._counts[phase] += 1
 
     def _carry(
-        self, scene: Any, sensor: Any, cache: RadianceCache, surfaces: LiveSurface, L: mi.Color3f, scale: float
+        self, scene: Any, sensor: Any, cache: RadianceCache, surfaces: LiveSurface, light: mi.Float, scale: float
     ) -> None:
-        """Average the light with that of the frames before, denoise it, and shade all pixels with it."""
+        """Denoise the light, average it with that of the frames before, and shade all pixels with it."""
+        if self._denoises:
+            white = dr.full(mi.Float, 0.5, 3 * self._half**2)
+            light = _denoised(light, white, dr.ravel(mi.Color3f(surfaces.n)), self._half, scale)
         film = world_to_film(sensor).matrix
         most = MOST_CHANGED if self._changed else MOST
         self._changed = max(self._changed - 1, 0)
         self._history = frozen_history(self._half)(
-            scene, surfaces, L, self._history, film if self._film is None else self._film, dr.opaque(mi.Float, most)
+            scene, surfaces, light, self._history, film if self._film is None else self._film, dr.opaque(mi.Float, most)
         )
         self._film = film
-        lane = dr.arange(mi.UInt32, self._half**2)
-        four = dr.gather(mi.Vector4f, self._history.light, lane)
-        light = dr.ravel(mi.Color3f(four.x, four.y, four.z))
-        if self._denoises:
-            white = dr.full(mi.Float, 0.5, 3 * self._half**2)
-            normal = dr.ravel(mi.Color3f(surfaces.n))
-            light = _denoised(light, white, normal, self._half, scale)
         if self._surfaces is None:
             self._surfaces = frozen_surfaces(self.size, film_mark(sensor))(scene, sensor, cache.region.context)
-        self.image = frozen_upsampling(self.size)(scene, self._surfaces, light, self._history)
+        self.image = frozen_upsampling(self.size)(scene, self._surfaces, self._history)
 
     def _resolve(self, scale: float) -> None:
         """Denoise the means of all pixels."""

@@ -1,9 +1,9 @@
 """Samples of the live page: a quarter of the pixels per frame, carried along when the camera moves.
 
 A frame traces one pixel of each square of 2 x 2, another one each time. Their light is radiance without what the first
-surface emits, divided by its albedo, so that it may be averaged over the pixels of a surface. Where a surface was seen
-before, the average of its light goes on (reprojection); surfaces of the frame at full size then read the squares
-around them that show the same surface.
+surface emits, divided by its albedo, so that it may be averaged over the pixels of a surface. It is denoised first,
+while its pixels are independent; then, where a surface was seen before, the average of its light goes on
+(reprojection). Surfaces of the frame at full size read the squares around them that show the same surface.
 
 Notation: N pixels, M squares of 2 x 2 pixels.
 
@@ -121,13 +121,13 @@ def frozen_samples(model: Model, shape: SampleShape) -> Callable[..., Any]:
 
     Returns:
         Function of (scene, sensor, context, weights, column and row in the squares, sample, seed) with the surfaces
-        [M] and the radiance [M].
+        [M], the radiance [M] and the light [3 M].
     """
 
     def run(
         scene: Any, sensor: Any, context: PathContext, weights: PackedWeights, x: mi.UInt32, y: mi.UInt32,
         first: mi.UInt32, seed: mi.UInt32,
-    ) -> tuple[LiveSurface, mi.Color3f]:  # fmt: skip
+    ) -> tuple[LiveSurface, mi.Color3f, mi.Float]:  # fmt: skip
         half, size = shape.half, shape.size
         lane = dr.arange(mi.UInt32, half * half)
         row = lane // half
@@ -141,8 +141,9 @@ def frozen_samples(model: Model, shape: SampleShape) -> Callable[..., Any]:
         )  # fmt: skip
         L = L * weight
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
-        dr.eval(surface, L)
-        return surface, L
+        light = dr.ravel(dr.maximum(L - surface.emission, 0) / surface.white)
+        dr.eval(surface, L, light)
+        return surface, L, light
 
     return Recorded(run)
 
@@ -183,14 +184,14 @@ def frozen_history(half: int) -> Callable[..., Any]:
         half: Squares along an edge.
 
     Returns:
-        Function of (scene, surfaces [M], radiance [M], history, projection of the frame before to [0, 1]^2 of its film
+        Function of (scene, surfaces [M], light [3 M], history, projection of the frame before to [0, 1]^2 of its film
         as a matrix, largest number of frames in the average) with the new history.
     """
 
     def run(
-        scene: Any, surface: LiveSurface, radiance: mi.Color3f, past: LightHistory, film: mi.Matrix4f, most: mi.Float
+        scene: Any, surface: LiveSurface, light: mi.Float, past: LightHistory, film: mi.Matrix4f, most: mi.Float
     ) -> LightHistory:  # fmt: skip
-        light = dr.maximum(radiance - surface.emission, 0) / surface.white
+        now = dr.gather(mi.Color3f, light, dr.arange(mi.UInt32, half * half))
         at = film @ mi.Vector4f(surface.p.x, surface.p.y, surface.p.z, 1)
         ahead = surface.usable & (at.w > 0)
         place = mi.Point2f(at.x, at.y) / dr.select(ahead, at.w, 1) * half - 0.5
@@ -212,7 +213,7 @@ def frozen_history(half: int) -> Callable[..., Any]:
         scale = dr.rcp(dr.select(known, total, 1))
         limit = dr.lerp(most, dr.minimum(most, MOST_GLOSSY), dr.clip(surface.gloss, 0, 1))
         count = dr.select(known, dr.minimum(frames * scale, limit), 0)
-        mean = (count * scale * before + light) / (count + 1)
+        mean = (count * scale * before + now) / (count + 1)
         new = LightHistory()
         new.light = dr.ravel(mi.Vector4f(mean.x, mean.y, mean.z, count + 1))
         new.place = dr.ravel(mi.Vector4f(surface.p.x, surface.p.y, surface.p.z, dr.select(surface.usable, 1.0, 0.0)))
@@ -240,11 +241,11 @@ def frozen_upsampling(size: int) -> Callable[..., Any]:
         size: Edge of the picture, pixels.
 
     Returns:
-        Function of (scene, surfaces [N], denoised light [3 M], history) with radiance [3 N].
+        Function of (scene, surfaces [N], history) with radiance [3 N].
     """
     half = (size + 1) // 2
 
-    def run(scene: Any, surface: LiveSurface, light: mi.Float, history: LightHistory) -> mi.Float:
+    def run(scene: Any, surface: LiveSurface, history: LightHistory) -> mi.Float:
         lane = dr.arange(mi.UInt32, size * size)
         place = (mi.Point2f(lane % size, lane // size) + 0.5) / 2 - 0.5
         corner = dr.floor(place)
@@ -257,7 +258,8 @@ def frozen_upsampling(size: int) -> Callable[..., Any]:
             same = _same(surface, history, index, surface.usable)
             weight = dr.abs(1 - dx - part.x) * dr.abs(1 - dy - part.y) + 1e-3
             weight *= dr.select(same | ~surface.usable, 1, OTHER_SURFACE)
-            mean += weight * dr.gather(mi.Color3f, light, index)
+            held = dr.gather(mi.Vector4f, history.light, index)
+            mean += weight * mi.Color3f(held.x, held.y, held.z)
             total += weight
         lit = dr.select(surface.t > 0, surface.white * mean / total, 0)
         out = dr.ravel(surface.emission + lit)

@@ -131,7 +131,7 @@ def scattered(live: LiveScene, loaded: Scene, points: SurfacePoints, baked: Bake
         ValueError: The bake lacks light that the scene has.
     """
     total = np.zeros((len(points), 3))
-    if loaded.has_static_light:
+    if live.loaded.has_static_light:
         if "static" not in baked.graphs:
             raise ValueError(
                 f"nrc: '{baked.name}' has no field of the scene's own lights; bake it again without --no-static"
