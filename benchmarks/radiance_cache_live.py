@@ -28,10 +28,12 @@ from lightwell.core.denoise import denoise
 
 # Seconds of each measurement; frames after which kernels are compiled and the cache is no longer cold.
 SECONDS, WARM_FRAMES, PATIENCE = 6.0, 24, 240.0
+# Seconds between two questions of the page.
+POLL = 0.025
 # A turn of the camera per frame, radians; frames that it turns; seconds after it has stopped that are measured.
 TURN, TURNS, WATCHED = 0.01, 40, 6.0
 # Samples per pixel of the reference, and of one launch of it.
-REFERENCE, CHUNK = 1024, 64
+REFERENCE, CHUNK = 512, 64
 # The bar is at so many seconds of standing still.
 AT = 2.0
 
@@ -65,7 +67,7 @@ def rate(port: int, seconds: float, orbits: bool) -> dict[str, float]:
         if state["failure"]:
             raise RuntimeError(f"live: {state['failure']}")
         seen.add(state[key])
-        time.sleep(0.015)
+        time.sleep(POLL)
     passed = time.perf_counter() - start
     # At rest frames are traced that are not shown: all count.
     count = len(seen) - 1 if orbits else state[key] - first

@@ -31,6 +31,8 @@ from lightwell.scenes.variables import declare
 CURVE = 240
 # Frames of the cache at the first hit that are averaged; pixels of the baked field per edge while something moves.
 FIRST_HIT_FRAMES, BAKED_SHARE = 16, 4
+# One frame of so many is trained on while the camera moves.
+MOVING_TRAINED = 4
 # Seconds without a frame while a bake has the processor and nothing moves.
 YIELDED = 0.25
 
@@ -204,8 +206,8 @@ class LiveSession:
         if self.cache.schedule.eager:
             self.pictures["cache"].changed()
         with dr.suspend_grad():
-            # A camera that moves gets every second frame without training.
-            if self.still or self.cache.schedule.eager or self.frames % 2 == 0:
+            # While the camera moves, pictures come before training.
+            if self.still or self.cache.schedule.eager or self.frames % MOVING_TRAINED == 0:
                 self._train()
             start = time.perf_counter()
             image = self._image()
