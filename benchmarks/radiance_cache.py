@@ -407,6 +407,8 @@ def write_page() -> None:
 
 
 ONE = ("cornell-box",)
+# Parts that load the scene by themselves: recordings of a process with two scenes are slower.
+OWN_SCENES = ("warm", "live")
 # Parts that take long: only where they are named.
 LONG = ("table", "blend", "cold", "warm")
 LIVE_SIZE, LIVE_SCENES = 512, ("cornell-box", "veach-ajar", "living-room-2", "needle-scanned-room")
@@ -483,7 +485,7 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.child:
         plan = json.loads(arguments.plan)
-        scene = scene_of(arguments.scenes, plan["size"])
+        scene = None if arguments.child in OWN_SCENES else scene_of(arguments.scenes, plan["size"])
         print(json.dumps(PARTS[arguments.child][0](arguments.scenes, scene, plan)), flush=True)
         return
     plan = {**PLAN, "spp": arguments.spp, "repeats": arguments.repeats, "reference": arguments.reference,

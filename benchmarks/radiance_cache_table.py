@@ -14,8 +14,9 @@ reference, so that scenes of any brightness are comparable. Five errors, medians
     energy      mean of I over that of R, minus 1
 
 Gains of the first two are error times time of ``path`` over ours; of sMAPE and FLIP, which fall with the root of the
-time, error over error. Scenes whose lamps are partly transparent are left out: Mitsuba's ``path`` weights their emission by
-their alpha, and loaded emitters have it already. Constants are chosen with the figures of CHOICE in sight; those of HELD_OUT only check them.
+time, error over error. Scenes whose lamps are partly transparent are left out: Mitsuba's ``path`` weights their
+emission by their alpha, and loaded emitters have it already. Constants are chosen with the figures of CHOICE in sight;
+those of HELD_OUT only check them.
 """
 
 from __future__ import annotations

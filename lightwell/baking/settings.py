@@ -9,11 +9,11 @@ from typing import Any
 
 from lightwell.core.cluster_options import ClusterOptions
 from lightwell.core.options import check, made, option, options_of
+from lightwell.core.scene_edits import SceneEdits, read_edits
 from lightwell.core.scene_options import SceneOptions
 from lightwell.fields.budget import Budget
 from lightwell.fields.registry import DEFAULT, option_homes, options_type
 from lightwell.fields.request import Request
-from lightwell.scenes.edits import SceneEdits, read_edits
 
 
 def _time(text: str) -> Budget:

@@ -21,8 +21,8 @@ from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.views import view
 from lightwell.cache.warm_start import BakedLight, warm_start
+from lightwell.core.scene_edits import SceneEdits
 from lightwell.scenes import load
-from lightwell.scenes.edits import SceneEdits
 from lightwell.scenes.placing import initial_light, sample_cameras
 from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import declare

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from lightwell.core.scene_edits import SceneEdits
 from lightwell.files import write_atomically
-from lightwell.scenes.edits import SceneEdits
 
 # Characters of a line that the page shows.
 MOST = 300

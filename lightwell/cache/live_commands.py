@@ -8,8 +8,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lightwell.core.scene_edits import LEAST_ROUGHNESS
 from lightwell.fields.budget import QUALITY_SECONDS
-from lightwell.scenes.edits import LEAST_ROUGHNESS
 
 # Largest magnitudes: radians or exponents of e of a camera movement; shift of an object in scene extents.
 CAMERA, SHIFT = 100.0, 1.0

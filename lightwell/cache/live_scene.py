@@ -9,7 +9,8 @@ import numpy as np
 
 from lightwell.backend import mi
 from lightwell.cache.orbit_camera import OrbitCamera, outside
-from lightwell.scenes.edits import Paint, SceneEdits, bsdfs_of, can_paint, content_of, dim, paint_bsdf, translate
+from lightwell.core.scene_edits import Paint, SceneEdits
+from lightwell.scenes.edits import bsdfs_of, can_paint, content_of, dim, paint_bsdf, translate
 from lightwell.scenes.scene import Camera, Scene
 
 # Limits of the accumulated factor of a light.

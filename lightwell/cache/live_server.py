@@ -14,7 +14,7 @@ from typing import Any
 from lightwell.cache.live import LiveSession
 from lightwell.cache.live_bake import ChildBake
 from lightwell.cache.settings import CacheSettings
-from lightwell.scenes.edits import SceneEdits
+from lightwell.core.scene_edits import SceneEdits
 from lightwell.serving.folder import files_of
 from lightwell.serving.server import Answer, Application, LocalServer, Request
 

@@ -9,8 +9,9 @@ from lightwell.backend import mi
 from lightwell.baking.pipeline import loaded
 from lightwell.baking.settings import BakeSettings
 from lightwell.cache.live_scene import LiveScene
+from lightwell.core.scene_edits import Paint, SceneEdits, read_edits
 from lightwell.scenes import load
-from lightwell.scenes.edits import Paint, SceneEdits, can_paint, edited, read_edits
+from lightwell.scenes.edits import can_paint, edited
 from lightwell.scenes.glb_writer import GlbWriter
 
 EDITS = SceneEdits(
