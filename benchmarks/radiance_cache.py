@@ -5,7 +5,7 @@
     python benchmarks/radiance_cache.py --only equal,frame  some parts
     python benchmarks/radiance_cache.py --resume            take scenes that are measured already from out/figures
     python benchmarks/radiance_cache.py --only table --resume   16 scenes, see radiance_cache_table.py; an hour
-    python benchmarks/radiance_cache.py --only blend,cold,warm --resume     denoised pictures and starts; an hour
+    python benchmarks/radiance_cache.py --only denoise,blend,cold,warm --resume    denoised pictures, starts; an hour
 
 References are made once, by radiance_cache_truth.py, and kept in out/references (another ten minutes). The ladder of
 ingredients is radiance_cache_ladder.py.
@@ -298,21 +298,22 @@ def equal_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
 
 
 def denoise_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    what = "denoised: relMSE of path over ours at equal time, "
-    rows = [without_bar(what + name, f["gain"], "ratio", stats(f, plan))
-            for name, f in found.items()]  # fmt: skip
-    return [*rows, at_least("denoised: geometric mean of the five scenes", 2, geometric(found), "ratio")]
+    return denoised_rows("denoised: {} of denoised path over ours at equal time, {}", found, plan)
 
 
 def blend_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
-    what = "denoised, with the cache: {} of denoised path over ours at equal time, {}"
+    return denoised_rows("denoised, with the cache: {} of denoised path over ours at equal time, {}", found, plan)
+
+
+def denoised_rows(what: str, found: dict[str, Figures], plan: Figures) -> list[Row]:
+    """Rows of relMSE and FLIP of every scene, and the geometric mean of the former."""
     rows = []
     for name, f in found.items():
         note = f"{stats(f, plan)}; FLIP {f['flip']:.3f} against {f['flip_pt']:.3f}"
         rows.append(at_least(what.format("relMSE", name), 0.95, f["gain"], "ratio", note))
         rows.append(at_least(what.format("FLIP", name), 0.95, f["flip_pt"] / max(f["flip"], 1e-9), "ratio"))
     mean = geometric(found, HALVES)
-    return [*rows, at_least("denoised, with the cache: geometric mean of the scenes", 2.5, mean, "ratio")]
+    return [*rows, at_least(f"{what.split(':')[0]}: geometric mean of the scenes", 2.5, mean, "ratio")]
 
 
 def parts_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
@@ -410,13 +411,13 @@ ONE = ("cornell-box",)
 # Parts that load the scene by themselves: recordings of a process with two scenes are slower.
 OWN_SCENES = ("warm", "live")
 # Parts that take long: only where they are named.
-LONG = ("table", "blend", "cold", "warm")
+LONG = ("table", "denoise", "blend", "cold", "warm")
 LIVE_SIZE, LIVE_SCENES = 512, ("cornell-box", "veach-ajar", "living-room-2", "needle-scanned-room")
 # Part: (figures of a scene, rows, scenes).
 PARTS: dict[str, tuple[Any, Any, tuple[str, ...]]] = {
     "equal": (equal, equal_rows, NAMES), "frame": (frame, frame_rows, NAMES),
     "unbiased": (unbiased, unbiased_rows, NAMES), "parts": (parts, parts_rows, ("veach-ajar", "veach-bidir")),
-    "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, NAMES),
+    "lag": (lag, lag_rows, ONE), "drift": (drift, drift_rows, ONE), "denoise": (denoise, denoise_rows, tuple(HALVES)),
     "blend": (blend, blend_rows, tuple(HALVES)), "cold": (cold_start, cold_rows, tuple(HALVES)),
     "warm": (warm, warm_rows, WARM_SCENES), "table": (table, table_rows, tuple(HALVES)),
     "live": (live, live_rows, LIVE_SCENES), "gpu": (None, gpu_rows, ()),

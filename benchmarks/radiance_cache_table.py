@@ -113,6 +113,12 @@ def table_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
     rows = [without_bar(f"table: relMSE of path over {side}, {name} ({f['half']})", f["gains"][side]["relMSE"], "ratio",
                         _note(f, side, plan)) for name, f in found.items() for side in SIDES]  # fmt: skip
     rows.append(at_least("table: scenes", 16, len(found), "scenes"))
+    for error, bar in (("relMSE", 6), ("trimmed", 5)):
+        gains = [f["gains"]["cache"][error] for f in found.values()] if set(found) == set(HALVES) else None
+        what = f"table: {error} of path over the cache, geometric mean of the scenes"
+        rows.append(at_least(what, bar, geometric(gains) if gains else None, "ratio"))
+        rows.append(at_least(f"table: {error} of path over the cache, least of the scenes", 0.95,
+                             min(gains) if gains else None, "ratio"))  # fmt: skip
     for half in ("choice", "held out"):
         for error in (*SQUARED, *ABSOLUTE):
             what = f"table: {error} of path over the cache, geometric mean of the scenes {half}"

@@ -93,8 +93,7 @@ class LiveSession:
         self.running = True
         self.frames = 0
         """Frames since the session began."""
-        self.still = 0
-        """Frames since something moved."""
+        self._still = 0
         self.failure = ""
         """Why the session has ended; '': it has not."""
         self.bake: ChildBake | None = None
@@ -162,7 +161,7 @@ class LiveSession:
         """Begin all pictures anew."""
         for picture in self.pictures.values():
             begin(picture)
-        self._first_hit, self.still, self._baked_at = None, 0, 0
+        self._first_hit, self._still, self._baked_at = None, 0, 0
 
     def _show(self, name: str) -> None:
         """Show another picture: those that were not shown have not followed the camera."""
@@ -193,7 +192,7 @@ class LiveSession:
                 self.obey()
                 self._take_over()
                 self.frame()
-                if self.still > 1 and self.bake is not None and not self._taken_over:
+                if self._still > 1 and self.bake is not None and not self._taken_over:
                     time.sleep(YIELDED)
             except Exception as error:
                 self.failure = " ".join(str(error).split())[:500]
@@ -207,7 +206,7 @@ class LiveSession:
             self.pictures["cache"].changed()
         with dr.suspend_grad():
             # While the camera moves, pictures come before training.
-            if self.still or self.cache.schedule.eager or self.frames % MOVING_TRAINED == 0:
+            if self._still or self.cache.schedule.eager or self.frames % MOVING_TRAINED == 0:
                 self._train()
             start = time.perf_counter()
             image = self._image()
@@ -217,7 +216,7 @@ class LiveSession:
                 self.panel.publish(image, self.shown != "difference")
                 self._took("encode", start)
         self.frames += 1
-        self.still += 1
+        self._still += 1
 
     def _train(self) -> None:
         """Train on one frame."""
@@ -244,7 +243,7 @@ class LiveSession:
     def _baked_image(self) -> mi.Float | None:
         """The baked field: coarse while something moves, once at full size at rest."""
         assert self.baked is not None
-        coarse = self.still == 0
+        coarse = self._still == 0
         if self._baked_at == 2 or (self._baked_at == 1 and coarse):
             return None
         self._baked_at = 1 if coarse else 2
@@ -257,7 +256,7 @@ class LiveSession:
     def _first_hit_image(self) -> mi.Float | None:
         """The mean of the cache's values at what the camera sees; it follows the training."""
         shown = view(self.live.scene, self.live.sensor, self.cache, "cache", 1, self.frames & 0xFFFFFF)
-        count = min(self.still + 1, FIRST_HIT_FRAMES)
+        count = min(self._still + 1, FIRST_HIT_FRAMES)
         before = shown if self._first_hit is None else self._first_hit
         self._first_hit = before + (shown - before) / count
         return upload_floats(self._first_hit.ravel())
@@ -278,7 +277,7 @@ class LiveSession:
         picture = self.pictures.get(self.shown, self.pictures["cache"])
         bake = None if self.bake is None else {**self.bake.state(), "taken": self._taken_over}
         return {
-            "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self.still,
+            "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self._still,
             "shown": self.shown, "samples": picture.spp, "frozen": self.cache.frozen, "size": self._size,
             "milliseconds": {k: round(v, 1) for k, v in self._milliseconds.items()},
             "curve": [list(p) for p in self._curve.copy()], "things": self.live.things,

@@ -46,8 +46,6 @@ class LiveScene:
         low, high = loaded.core
         self.extent = loaded.core_extent
         """Length by which objects are moved, metres."""
-        self.gains: dict[int, float] = {}
-        """Index of a light to the factor of its radiance so far."""
         if lamp is None and not loaded.mi.emitters():
             lamp = Lamp((low + high) / 2 + np.array([0, 0.3 * (high - low)[1], 0]), self.extent**2)
         self.lamp = lamp
@@ -79,6 +77,7 @@ class LiveScene:
             for k, material in enumerate(loaded.materials) if any(can_paint(bsdf) for bsdf in bsdfs_of(loaded, k))
         ]  # fmt: skip
         """Materials that can be painted."""
+        self._gains: dict[int, float] = {}
         self._moved: dict[int, np.ndarray] = {}
         self._painted: dict[int, Paint] = {}
         self._unpainted: dict[int, dict[str, Any]] = {}
@@ -87,7 +86,7 @@ class LiveScene:
     def edits(self) -> SceneEdits:
         """Return what differs from the file; the added lamp is not among it, because no bake has it."""
         moved = {k: (float(by[0]), float(by[1]), float(by[2])) for k, by in self._moved.items()}
-        dimmed = {k: gain for k, gain in self.gains.items() if k != LAMP}
+        dimmed = {k: gain for k, gain in self._gains.items() if k != LAMP}
         return SceneEdits(moved, dimmed, dict(self._painted))
 
     def orbit(self, right: float, up: float, closer: float) -> None:
@@ -124,9 +123,9 @@ class LiveScene:
             index: Index of an emitting object; ``LAMP``: the added lamp.
             factor: Factor, > 0.
         """
-        before = self.gains.get(index, 1.0)
-        self.gains[index] = float(np.clip(before * factor, *GAINS))
-        factor = self.gains[index] / before
+        before = self._gains.get(index, 1.0)
+        self._gains[index] = float(np.clip(before * factor, *GAINS))
+        factor = self._gains[index] / before
         if index == LAMP and self.lamp is not None:
             self.lamp = replace(self.lamp, intensity=self.lamp.intensity * factor)
         dim(self.parameters, "lamp.intensity" if index == LAMP else f"shape{index}.emitter.radiance", factor)

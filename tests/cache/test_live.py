@@ -142,7 +142,11 @@ def test_a_session_renders_obeys_and_goes_on():
     session.command({"do": "move", "thing": light, "x": 0.05})
     session.command({"do": "brighten", "thing": light, "factor": 0.5})
     session.obey()
-    assert not np.allclose(before, session.live.camera.position) and session.still == 0 and session.cache.changes == 2
+    assert (
+        not np.allclose(before, session.live.camera.position)
+        and session.state()["still"] == 0
+        and session.cache.changes == 2
+    )
     for name in ("path", "first-hit", "difference"):
         session.command({"do": "show", "picture": name})
         session.obey()

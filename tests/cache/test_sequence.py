@@ -17,6 +17,7 @@ from lightwell.cache.settings import parse_options
 from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
 
+from .scenes import SMALL as LITTLE
 from .scenes import room
 
 SMALL = ["levels=2", "entries_log2=8", "batch=512", "steps=1", "train_fraction_max=1", "max_vertices=4"]
@@ -128,3 +129,12 @@ def test_the_denoiser_brings_a_picture_nearer_to_the_truth():
         assert image.shape == (64, 64, 3) and np.isfinite(image).all()
         errors[denoise] = float(np.mean((image - truth) ** 2 / (truth**2 + 0.01)))
     assert errors[True] < 0.5 * errors[False]
+
+
+def test_a_denoised_still_is_path_traced_unless_it_is_blended():
+    """The denoiser does not remove the blur of the cache: nothing is trained, and no path ends in it."""
+    scene = room(16)
+    for blends in (False, True):
+        nrc = NrcIntegrator(settings=settings_of({**LITTLE, "mode": "still", "denoise": True, "denoise_cache": blends}))
+        mi.render(scene, integrator=nrc, spp=8, seed=1)
+        assert nrc.last.caching == blends and bool(nrc.last.stats) == blends
