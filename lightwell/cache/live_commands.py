@@ -96,13 +96,21 @@ def parse_command(
     for key in COLOR:
         _check(order, key, 0, 1)
     _check(order, "roughness", LEAST_ROUGHNESS, 1)
-    if 0 < len(channels := [float(order.pop(key)) for key in COLOR if key in order]) < len(COLOR):
+    if 0 < len(channels := [float(order[key]) for key in COLOR if key in order]) < len(COLOR):
         raise ValueError("live: a colour has red, green and blue")
-    color = (channels[0], channels[1], channels[2]) if channels else None
-    names = ("thing", "material", "picture", "quality")
-    chosen = {key: order[key] for key in names if key in order}
-    numbers = {key: float(value) for key, value in order.items() if key not in names}
-    return Command(do, color=color, **chosen, **numbers)
+    return Command(
+        do,
+        thing=order.get("thing", 0),
+        x=float(order.get("x", 0)),
+        y=float(order.get("y", 0)),
+        z=float(order.get("z", 0)),
+        factor=float(order.get("factor", 1)),
+        material=order.get("material", 0),
+        color=(channels[0], channels[1], channels[2]) if channels else None,
+        roughness=float(order["roughness"]) if "roughness" in order else None,
+        picture=order.get("picture", ""),
+        quality=order.get("quality", "draft"),
+    )
 
 
 def _check(order: Mapping[str, Any], key: str, least: float, most: float) -> None:

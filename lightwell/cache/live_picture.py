@@ -169,5 +169,5 @@ class LivePicture:
 def _denoised(color: mi.Float, white: mi.Float, normal: mi.Float, size: int, scale: float) -> mi.Float:
     """Denoise images [3 N] that are ``size`` pixels wide and high."""
     shape = (size, size, 3)
-    images = [mi.TensorXf(image, shape) for image in (color, dr.clip(white, 0, 1), normal)]
-    return denoise_fast(*images, scale).array
+    noisy, albedo, normals = (mi.TensorXf(image, shape) for image in (color, dr.clip(white, 0, 1), normal))
+    return denoise_fast(noisy, albedo, normals, scale).array
