@@ -151,7 +151,7 @@ def _evaluated(
 ) -> np.ndarray:  # fmt: skip
     """[N, 3] radiance of one field."""
     graph = baked.graphs[role]
-    missing = sorted(set(graph.inputs) & {"uv", "uv1", "shading_normal"})
+    missing = sorted(set(graph.inputs) & {"uv", "uv1"})
     if missing:
         raise ValueError(
             f"nrc: the field of '{baked.name}' reads {', '.join(missing)}, which a cache does not know; "

@@ -8,10 +8,11 @@ import pytest
 from lightwell.cache import RadianceCache, settings_of
 from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.views import view
-from lightwell.cache.warm_start import BakedLight, warm_start
+from lightwell.cache.warm_start import BakedLight, scattered, warm_start
 from lightwell.graph import Builder
 from lightwell.rendering.settings import NrcOptions
 from lightwell.scenes import load
+from lightwell.transport import sample_surface
 
 from .scenes import SMALL
 
@@ -50,6 +51,18 @@ def test_a_bake_without_the_light_of_the_scene_is_refused(room):
         warm_start(cache, live, loaded, BakedLight("x.glb", {"static": constant(1.0)}), 1, 2)
     with pytest.raises(ValueError, match="reads uv1, which a cache does not know"):
         warm_start(cache, live, loaded, BakedLight("x.glb", {"indirect": constant(1.0, "uv1")}), 1, 2)
+
+
+def test_a_field_of_bent_normals_is_taken(room):
+    """Default bakes of scenes with normal maps read them."""
+    loaded, live = room
+    b = Builder(position=3, shading_normal=3)
+    x = b.add(b.affine("position", [0.0] * 3, [0.5e6] * 3), b.scale("shading_normal", 0.0))
+    baked = BakedLight("x.glb", {"indirect": b.build(radiance=x)})
+    points = sample_surface(loaded, 64, 1)
+    cache = RadianceCache(settings_of(SMALL))
+    assert warm_start(cache, live, loaded, baked, 1, 2).steps == 2
+    assert np.median(scattered(live, loaded, points, baked)) > 0
 
 
 def test_mistakes_in_the_option_are_told(tmp_path):
