@@ -51,7 +51,16 @@ FOLDERS = (
     "format",
 )
 WRITTEN = {
-    *("index.html", "report.html", "report.json", "compare.html", "compare.json", "probes.html", "rebake.json", "edits.json"),
+    *(
+        "index.html",
+        "report.html",
+        "report.json",
+        "compare.html",
+        "compare.json",
+        "probes.html",
+        "rebake.json",
+        "edits.json",
+    ),
     *("animation.json", "bake.json", "radiance-cache.npz", "OUT.json", "TOPIC.json", "lightwell-viewer.js"),
     *("batch.html", "batch.json"),
     "lightwell-aframe.js",
