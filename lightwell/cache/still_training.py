@@ -2,8 +2,8 @@
 
 A still that is denoised has none, and its paths do not end in the cache: the denoiser removes noise, not the blur of
 the network. Equal time, 16 scenes, blended with the cache's view where that was nearer to the truth: denoised ``path``
-over ours, relMSE 0.98 (geometric mean), FLIP 0.53 to 1.02 (one scene 1.24). Path traced with our sampling, five of
-them: relMSE 0.96 to 2.1, FLIP 0.96 to 1.05.
+over ours, relMSE 0.98 (geometric mean), FLIP 0.53 to 1.02 (one scene 1.24). Path traced with our sampling: relMSE 1.00
+to 2.1, FLIP 0.95 to 1.24.
 """
 
 from __future__ import annotations
