@@ -73,7 +73,7 @@ class SceneEdits:
             dimmed = {_index(k): _number(f, 0, FARTHEST) for k, f in read.get("dimmed", {}).items()}
             painted = {_index(k): _paint(p) for k, p in read.get("painted", {}).items()}
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            raise ValueError("edits: this is no file that 'lightwell live' wrote; bake from its page again") from None
+            raise ValueError("this is no file that 'lightwell live' wrote; bake from its page again") from None
         return SceneEdits(moved, dimmed, painted)
 
 
@@ -94,10 +94,13 @@ def read_edits(path: str) -> SceneEdits:
             data = file.read(MOST_BYTES + 1)
     except OSError as error:
         cure = "name the edits.json of a bake of 'lightwell live'"
-        raise ValueError(f"edits '{path}': {error.strerror}; {cure}") from error
+        raise ValueError(f"'{path}': {error.strerror}; {cure}") from error
     if len(data) > MOST_BYTES:
-        raise ValueError(f"edits '{path}': larger than {MOST_BYTES >> 20} MiB, which no page writes")
-    return SceneEdits.from_json(data)
+        raise ValueError(f"'{path}': larger than {MOST_BYTES >> 20} MiB, which no page writes")
+    try:
+        return SceneEdits.from_json(data)
+    except ValueError as error:
+        raise ValueError(f"'{path}': {error}") from None
 
 
 def _index(text: str) -> int:
