@@ -14,6 +14,8 @@ from lightwell.core.image_io import encoded
 JPEG_QUALITY = 88
 # Displayed value of the brightest tenth of an image, and share of the way to it that the exposure goes per frame.
 BRIGHT, EXPOSED = 0.7, 0.1
+# Pictures, the first ones, that it follows at once.
+FIRST = 8
 # The exposure looks at one pixel of so many.
 SAMPLED = 7
 
@@ -38,7 +40,6 @@ class LivePanel:
         self._jpeg = b""
         self.exposure = 1.0
         """Factor on radiance."""
-        self._exposed = False
         self.number = 0
         """Pictures so far."""
         self._lock = threading.Lock()
@@ -53,10 +54,10 @@ class LivePanel:
         if metered:
             lane = dr.arange(mi.UInt32, self._size**2 // SAMPLED) * SAMPLED
             sample = np.array(dr.gather(mi.Color3f, image, lane)).mean(axis=0)
-            bright = float(np.percentile(sample[np.isfinite(sample)], 90)) if np.isfinite(sample).any() else 0.0
-            wanted = BRIGHT / bright if bright > 0 else self.exposure
-            self.exposure = self.exposure + EXPOSED * (wanted - self.exposure) if self._exposed else wanted
-            self._exposed = self._exposed or bright > 0
+            lit = sample[np.isfinite(sample) & (sample > 0)]
+            wanted = BRIGHT / float(np.percentile(lit, 90)) if len(lit) else self.exposure
+            follows = EXPOSED if self.number >= FIRST else 1.0
+            self.exposure += follows * (wanted - self.exposure)
         codes = _codes(image * dr.opaque(mi.Float, self.exposure))
         picture = np.array(codes).reshape(self._size, self._size, 3)
         made = encoded(picture, "JPEG", quality=JPEG_QUALITY)
