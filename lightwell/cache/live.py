@@ -100,6 +100,8 @@ class LiveSession:
         """The last bake that was started; None: none."""
         self._baker = baker
         self._taken_over = True
+        # Why the last bake could not begin; '': it could.
+        self._refusal = ""
         self._first_hit: np.ndarray | None = None
         self._baked_at = 0
         self._commands: deque[Command] = deque(maxlen=256)
@@ -169,8 +171,13 @@ class LiveSession:
         self._restart(lambda picture: picture.forget())
 
     def _start_bake(self, quality: str) -> None:
-        if self._baker is not None and (self.bake is None or not self.bake.state()["running"]):
-            self.bake, self._taken_over = self._baker(self.live.edits, quality), False
+        if self._baker is None or (self.bake is not None and self.bake.state()["running"]):
+            return
+        try:
+            self.bake, self._taken_over, self._refusal = self._baker(self.live.edits, quality), False, ""
+        except OSError as error:
+            # The page goes on: nothing of it depends on a bake.
+            self._refusal = f"live: cannot write '{error.filename}' ({error.strerror}); start again with another -o"
 
     def _take_over(self) -> None:
         """Read what a bake has written, once it is there."""
@@ -275,7 +282,9 @@ class LiveSession:
         """
         last = self.cache.history[-1] if self.cache.history else None
         picture = self.pictures.get(self.shown, self.pictures["cache"])
-        bake = None if self.bake is None else {**self.bake.state(), "taken": self._taken_over}
+        bake = None if self.bake is None else self.bake.state()
+        if self._refusal:
+            bake = {"running": False, "seconds": 0.0, "line": "", "failed": self._refusal}
         return {
             "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self._still,
             "shown": self.shown, "samples": picture.spp, "frozen": self.cache.frozen, "size": self._size,

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections import deque
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from lightwell.baking.pipeline import bake
 from lightwell.baking.settings import BakeSettings
 from lightwell.cache import settings_of
 from lightwell.cache.live import LiveSession
+from lightwell.cache.live_bake import ChildBake
 from lightwell.cache.live_baked import baked_image
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
@@ -218,6 +220,18 @@ def test_a_bake_is_taken_over_and_shown(tmp_path):
     finally:
         session.running = False
     assert not session.failure
+
+
+def test_a_bake_that_cannot_begin_is_said_and_ends_nothing(tmp_path):
+    (tmp_path / "out").write_text("a file")
+    baker = partial(ChildBake.start, "cornell", tmp_path / "out", [])
+    session = LiveSession("cornell", settings_of(SMALL), 24, baker=baker)
+    session.command({"do": "move", "thing": 4, "x": 0.05})
+    session.command({"do": "bake"})
+    session.obey()
+    session.frame()
+    state = session.state()
+    assert "start again with another -o" in state["bake"]["failed"] and not state["failure"] and not state["baked"]
 
 
 def wait_for(holds, seconds=30):
