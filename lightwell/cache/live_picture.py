@@ -62,13 +62,13 @@ class LivePicture:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, without light of earlier frames."""
+        """Restart without light of earlier frames."""
         self._history = LightHistory(self._half**2)
         self._film = None
         self.moved()
 
     def moved(self) -> None:
-        """Begin new means, because the camera has moved; the light is carried along."""
+        """Restart the averages of the pixels after the camera has moved; the light of surfaces is kept."""
         self._surfaces = None
         self.still = 0
         """Frames since something moved."""
@@ -77,7 +77,7 @@ class LivePicture:
         self._shown_at = 0.0
 
     def changed(self) -> None:
-        """Begin new means, because the scene has changed; light of before soon has no weight."""
+        """Restart the averages of the pixels after the scene has changed; earlier light loses its weight in four frames."""
         self.moved()
         self._changed = CHANGED_FRAMES
 
