@@ -77,7 +77,7 @@ class LivePicture:
         self._shown_at = 0.0
 
     def changed(self) -> None:
-        """Restart the averages of the pixels after the scene has changed; earlier light loses its weight in four frames."""
+        """Restart the averages of the pixels after the scene has changed; earlier light fades in four frames."""
         self.moved()
         self._changed = CHANGED_FRAMES
 
