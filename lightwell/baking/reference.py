@@ -36,7 +36,7 @@ from lightwell.transport.camera import camera_points
 from lightwell.transport.lit_points import LitPoints
 
 # Version; to be increased when the same arguments give other samples than before.
-VERSION = 6
+VERSION = 7
 # Mean of a picture, relative to the brightest of a page, that is black.
 BLACK = 1e-3
 

@@ -10,8 +10,6 @@ from lightwell.cache.guide import Guide, GuidedVertex
 from lightwell.transport.path_state import is_delta, sample_light
 from lightwell.transport.sources import Emitters
 
-EMITTERS = Emitters()
-
 
 @dataclass
 class Bounce:
@@ -34,8 +32,8 @@ class Bounce:
 
 
 def bounce_at(
-    scene: Any, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool, active: mi.Bool, guide: Guide | None = None,
-    visit: GuidedVertex | None = None,
+    scene: Any, source: Emitters, sampler: Any, si: Any, bsdf: Any, smooth: mi.Bool, active: mi.Bool,
+    guide: Guide | None = None, visit: GuidedVertex | None = None,
 ) -> Bounce:  # fmt: skip
     """Sample an emitter and the next direction at a vertex.
 
@@ -44,6 +42,7 @@ def bounce_at(
 
     Args:
         scene: Mitsuba scene.
+        source: Its emitters.
         sampler: Source of random numbers.
         si: Surface interactions, one per lane.
         bsdf: BSDFs of the interactions.
@@ -55,7 +54,7 @@ def bounce_at(
     Returns:
         Contribution of light sampling, the next direction, its density and its weight.
     """
-    light = sample_light(scene, si, EMITTERS, sampler.next_2d(), active & smooth)
+    light = sample_light(scene, si, source, sampler.next_2d(), active & smooth)
     sample1, sample2 = sampler.next_1d(), sampler.next_2d()
     picks = mi.Bool(False)
     if guide is not None and visit is not None:

@@ -155,8 +155,7 @@ class LiveSession:
             self.live.brighten(order.thing, order.factor)
         else:
             self.live.paint(order.material, order.color, order.roughness)
-        painted = order.do == "paint"
-        self.cache.scene_changed("material" if painted else "light", self.live.scene if painted else None)
+        self.cache.scene_changed("material" if order.do == "paint" else "light", self.live.scene)
         self._restart(lambda picture: picture.changed())
 
     def _restart(self, begin: Callable[[LivePicture], None]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
 from lightwell.cache.materials import lookup
+from lightwell.transport.sources import Emitters
 
 # Larger reflectances come from a fallback of the plugin, not from a material.
 MAX_REFLECTANCE = 1.0
@@ -17,7 +18,7 @@ class PathContext:
 
     DRJIT_STRUCT = {  # noqa: RUF012
         "low": mi.Point3f, "inverse": mi.Vector3f, "roughness": mi.Float, "albedo": mi.Float, "c": mi.Float,
-        "max_depth": mi.UInt32, "rr_depth": mi.UInt32, "spike": mi.Float,
+        "max_depth": mi.UInt32, "rr_depth": mi.UInt32, "spike": mi.Float, "emitters": Emitters,
     }  # fmt: skip
 
     def __init__(self) -> None:
@@ -31,6 +32,8 @@ class PathContext:
         """Largest path length, and depth from which Russian roulette may end a path."""
         self.spike = mi.Float(dr.inf)
         """Largest luminance of a caustic in one sample, where paths may end in the cache."""
+        self.emitters = Emitters()
+        """All emitters of the scene. Shadow rays stop at panes, as those of Mitsuba do."""
 
     def vertex(self, si: mi.SurfaceInteraction3f, bsdf: Any, active: mi.Bool) -> Vertex:
         """Compute the network's inputs at surface points seen along ``si.wi``.

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 from lightwell.backend import dr, mi
-from lightwell.cache.bounces import EMITTERS, Bounce, bounce_at
+from lightwell.cache.bounces import Bounce, bounce_at
 from lightwell.cache.footprint import PathSpread
 from lightwell.cache.guide import Guide, GuidedVertex
 from lightwell.cache.path_context import PathContext
@@ -146,7 +146,7 @@ def follow(
 
         # -------------------- Emission, reached by BSDF sampling --------------------
 
-        Le, mis = path.meet(scene, si, EMITTERS)
+        Le, mis = path.meet(scene, si, context.emitters)
         visitor.meet(state, path, Le, mis)
 
         # ------------------- End in the cache, or begin a vertex -------------------
@@ -157,7 +157,7 @@ def follow(
 
         # ------------------- Light sampling and the next direction -------------------
 
-        bounce = bounce_at(scene, sampler, si, bsdf, smooth, at.goes, guide, visit)
+        bounce = bounce_at(scene, context.emitters, sampler, si, bsdf, smooth, at.goes, guide, visit)
         visitor.bounce(state, path, at, si, bounce, smooth)
         path.leave(si, bounce.wo, bounce.pdf, bounce.weight, bounce.eta, bounce.delta)
         if dr.hint(at.added is not None, mode="scalar"):

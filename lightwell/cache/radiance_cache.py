@@ -63,7 +63,7 @@ class RadianceCache:
 
         Args:
             kind: 'light', 'material', 'geometry' or 'camera'; the latter has no effect.
-            scene: Mitsuba scene, whose materials are read again; None: they have not changed.
+            scene: Mitsuba scene, whose materials or emitters are read again; None: neither has changed.
 
         Raises:
             ValueError: ``kind`` is none of these.
@@ -72,7 +72,9 @@ class RadianceCache:
             raise ValueError(f"nrc: scene_changed('{kind}'), expected one of {', '.join(KINDS)}")
         if kind == "camera":
             return
-        if scene is not None and kind in ("material", "geometry"):
+        if scene is not None and kind == "light":
+            self.region.read_emitters(scene)
+        elif scene is not None:
             self.prepare(scene)
         self.trainer.restart()
         self.changes += 1

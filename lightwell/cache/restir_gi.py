@@ -14,12 +14,12 @@ from collections.abc import Callable
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.cache.bounces import EMITTERS
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.path_loop import CachePath
 from lightwell.cache.render_paths import render_path
 from lightwell.cache.reservoir_merge import first_hit
 from lightwell.transport.path_state import is_delta, sample_light
+from lightwell.transport.sources import Emitters
 
 
 class ReservoirSample:
@@ -111,11 +111,12 @@ class ReservoirSample:
         return value, lit & ~scene.ray_test(si.spawn_ray_to(self.x), lit)
 
 
-def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
+def direct_light(scene: Any, source: Emitters, si: Any, bsdf: Any, sampler: Any, active: Any) -> mi.Spectrum:
     """Sample an emitter at the first hit, with the MIS weight against BSDF sampling.
 
     Args:
         scene: Mitsuba scene.
+        source: Its emitters.
         si: Surface interactions.
         bsdf: Their BSDFs.
         sampler: Source of random numbers.
@@ -124,7 +125,7 @@ def direct_light(scene: Any, si: Any, bsdf: Any, sampler: Any, active: Any) -> m
     Returns:
         [N] weighted radiance.
     """
-    light = sample_light(scene, si, EMITTERS, sampler.next_2d(), active)
+    light = sample_light(scene, si, source, sampler.next_2d(), active)
     value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen)
     return dr.select(light.seen, value * light.weight * light.mis(pdf), 0)
 
@@ -147,7 +148,9 @@ def choose(
         that use reservoirs [N].
     """
     si, bsdf, usable = first_hit(scene, ray)
-    rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(scene, si, bsdf, sampler, usable)
+    rest = dr.select(usable, si.emitter(scene).eval(si, usable), 0) + direct_light(
+        scene, context.emitters, si, bsdf, sampler, usable
+    )
     sample, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), usable)
     path = CachePath()
     delta = is_delta(sample)
@@ -158,7 +161,7 @@ def choose(
     path.foot.scattered, path.foot.run_pdf = mi.Bool(True), dr.select(delta, 0, path.prev_pdf)
     delta, active = mi.Bool(delta), mi.Bool(path.active)
     behind = scene.ray_intersect(path.ray, mi.RayFlags.All, False, active)
-    Le, mis = path.meet(scene, behind, EMITTERS)
+    Le, mis = path.meet(scene, behind, context.emitters)
     emitted = dr.select(active, mis * Le, 0)
     L, *_ = render_path(scene, sampler, path, context, evaluate, mi.Float(1), caching, "biased", True)
     L = dr.select(active & behind.is_valid(), L - emitted, 0)

@@ -11,6 +11,8 @@ from lightwell.backend import dr, mi
 from lightwell.cache.materials import CacheMaterialTable, material_table
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.settings import PathSettings
+from lightwell.transport.emitter_table import EmitterTable
+from lightwell.transport.sources import Emitters
 
 # Relative margin of the box, so that no surface lies on its boundary.
 INFLATE = 0.01
@@ -66,6 +68,7 @@ class SceneRegion:
         """Tables of the scene's materials; None: no scene yet."""
         self.fingerprint = ""
         """See ``fingerprint``; '': no scene yet."""
+        self._emitters = Emitters()
         self._context: PathContext | None = None
 
     def prepare(self, scene: Any) -> np.ndarray:
@@ -82,9 +85,18 @@ class SceneRegion:
             margin = np.maximum((corners[1] - corners[0]) * INFLATE, 1e-6 * max(1e-6, np.ptp(corners)))
             self.box = np.stack([corners[0] - margin, corners[1] + margin])
         self.materials = material_table(scene)
-        self._context = None
+        self.read_emitters(scene)
         self.fingerprint = fingerprint(scene)
         return self.box
+
+    def read_emitters(self, scene: Any) -> None:
+        """Read where the emitters of a scene are and how they shine: by that one of several is chosen.
+
+        Args:
+            scene: Mitsuba scene.
+        """
+        self._emitters = Emitters(table=EmitterTable.of(scene) if len(scene.emitters()) > 1 else None)
+        self._context = None
 
     @property
     def context(self) -> PathContext:
@@ -120,5 +132,5 @@ class SceneRegion:
         depth = self.settings.max_depth
         a.max_depth = dr.opaque(mi.UInt32, 0xFFFFFFFF if depth < 0 else depth)
         a.rr_depth = dr.opaque(mi.UInt32, self.settings.rr_depth)
-        a.spike = dr.opaque(mi.Float, 3e38)
+        a.spike, a.emitters = dr.opaque(mi.Float, 3e38), self._emitters
         return a

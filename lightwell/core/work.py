@@ -34,7 +34,7 @@ WALL = "wall"
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
 _FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths", *CLUSTER)
 # Version of the entries of a bake; their keys also hold that of lightwell.
-_VERSION = 4
+_VERSION = 5
 
 
 class WorkSettings(Protocol):

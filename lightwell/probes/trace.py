@@ -19,7 +19,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import upload
 from lightwell.transport.lamp_sources import GroupEmitters
-from lightwell.transport.panes import panes_of, unblocked
+from lightwell.transport.panes import unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
@@ -188,7 +188,7 @@ def air_light_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, f
     place, normal = upload(mi.Point3f, columns["point"]), upload(mi.Vector3f, columns["normal"])
     lights = None if variable is None else upload(mi.Vector3f, columns["light"])
     streams = upload_integers(columns["stream"])
-    own = GroupEmitters.of(scene, settings["emitters"]) if settings["emitters"] else Emitters(panes_of(scene))
+    own = GroupEmitters.of(scene, settings["emitters"]) if settings["emitters"] else Emitters.of(scene)
     numbers = [dr.opaque(mi.UInt32, v) for v in (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half)]
     batch = max(1, LAUNCH // paths)
     rows = np.zeros((count, 2, 30), np.float32)

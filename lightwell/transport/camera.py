@@ -17,7 +17,6 @@ from lightwell.scenes.scene import Camera, Scene
 from lightwell.scenes.variables import Variable, from_json, to_json
 from lightwell.transport.first_surfaces import first_drawn, first_surface
 from lightwell.transport.interactions import upload
-from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.queries import make_query
@@ -302,7 +301,7 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         if variable is not None:
             L += tint * _lit(scene.mi, si, ray, declared(variable, source, scene), rng, depths)
         if settings["with_static"]:
-            L += trace(scene.mi, si, Emitters(panes_of(scene)), rng, independent(rng), *depths, True)
+            L += trace(scene.mi, si, Emitters.of(scene), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
         dr.eval(L)
         total[start : start + count] += _rows(dr.block_sum(L, block))

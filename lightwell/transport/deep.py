@@ -10,7 +10,6 @@ from lightwell.scenes.variables import Variable
 from lightwell.transport.camera import camera_rays
 from lightwell.transport.first_surfaces import first_surface
 from lightwell.transport.interactions import upload
-from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.radiance import LAUNCH
@@ -103,5 +102,5 @@ def _light(
     if source is not None:
         L += tint * trace(scene.mi, si, source, rng, independent(rng), *limits, True)
     if scene.has_static_light:
-        L += trace(scene.mi, si, Emitters(panes_of(scene)), rng, independent(rng), *limits, True)
+        L += trace(scene.mi, si, Emitters.of(scene), rng, independent(rng), *limits, True)
     return dr.select(dr.all(dr.isfinite(L)) & there, L, 0)

@@ -15,7 +15,6 @@ from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
-from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
 from lightwell.transport.path_state import PathState, is_delta, sample_light
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
@@ -177,7 +176,7 @@ def _launch(scene: Scene, device, light: KnownIrradiance, settings, start: int, 
     rng = random_streams(seed, row, (group & 1) * size + path)
     shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
-    source, first = Emitters(panes_of(scene)), stratified(shift, path, size)
+    source, first = Emitters.of(scene), stratified(shift, path, size)
     L, E = _walk(scene.mi, si, light, source, rng, first, max_depth, rr_depth)
     ok = dr.all(dr.isfinite(L)) & dr.all(dr.isfinite(E))
     L, E, ok = dr.select(ok, L, 0), dr.select(ok, E, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))

@@ -16,7 +16,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
-from lightwell.transport.panes import panes_of, unblocked
+from lightwell.transport.panes import unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
@@ -125,7 +125,7 @@ def _launch(scene: Scene, device, sides, settings, start: int, count: int, half:
 
 def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
     """Estimate E' once at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
-    source, geometry = Emitters(panes_of(scene)), scene.mi
+    source, geometry = Emitters.of(scene), scene.mi
     # ----------------- Normals on the requested side ------------------
     flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
     normal = mi.Vector3f(si.sh_frame.n)

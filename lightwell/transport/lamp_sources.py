@@ -6,15 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.lamps import LampGroup
 from lightwell.scenes.scene import Scene
+from lightwell.transport.emitter_table import EmitterTable, pointers
 from lightwell.transport.panes import Panes, panes_of
-from lightwell.transport.resampling import candidates, nominal, resampled
+from lightwell.transport.resampling import candidates, chosen, nominal
 
 
 class LampSources:
@@ -28,16 +28,14 @@ class LampSources:
             groups: K groups of its emitters; an emitter is in one group at most.
         """
         self.scene, self.count = scene, len(groups)
-        emitters = scene.mi.emitters()
-        pointers = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(emitter))[0]) for emitter in emitters]
-        order = [index for group in groups for index in group.emitters]
         sizes = np.array([len(group.emitters) for group in groups])
-        of_pointer = np.full(max(pointers, default=0) + 2, self.count, np.uint32)
-        of_pointer[[pointers[index] for index in order]] = np.arange(self.count).repeat(sizes)
+        order = [index for group in groups for index in group.emitters]
+        self._table, known = EmitterTable.of(scene.mi, order), pointers(scene.mi)
+        of_pointer = np.full(known.max(initial=0) + 2, self.count, np.uint32)
+        of_pointer[known[order]] = np.arange(self.count).repeat(sizes)
         self._size, self._first = mi.UInt32(sizes), mi.UInt32(np.cumsum(sizes) - sizes)
-        self._emitter = mi.UInt32([pointers[index] for index in order])
         self._of_pointer = mi.UInt32(of_pointer)
-        dr.eval(self._size, self._first, self._emitter, self._of_pointer)
+        dr.eval(self._size, self._first, self._of_pointer)
 
     def sample(
         self, it: mi.Interaction3f, group: mi.UInt32, number: mi.Float, u: mi.Point2f, active: mi.Bool
@@ -57,13 +55,11 @@ class LampSources:
         """
         size = dr.gather(mi.UInt32, self._size, group, active)
         first = dr.gather(mi.UInt32, self._first, group, active)
-
-        def propose(at: mi.Point2f) -> Any:
-            return _any_of(self._emitter, (first, size), it, at.x, u, active)
-
-        ds, weight = resampled(propose, it, mi.Point2f(number, u.x), candidates(size), active)
+        emitter, weight, _ = chosen(self._table, (first, size), it, number, active)
+        ds, light = self._table.sample(emitter, it, u, active)
         good = active & (ds.pdf > 0)
-        return ds, dr.select(good, weight, 0), dr.select(good, ds.pdf * nominal(candidates(size)), 0)
+        pdf = ds.pdf * nominal(candidates(size)) / mi.Float(size)
+        return ds, dr.select(good, light * weight, 0), dr.select(good, pdf, 0)
 
     def met(
         self, prev: mi.Interaction3f, si: mi.SurfaceInteraction3f, active: mi.Bool
@@ -92,8 +88,8 @@ class LampSources:
 class GroupEmitters:
     """Some of the emitters in the Mitsuba scene, as a source of ``transport.sources``; the others are dark."""
 
-    emitter: mi.UInt32
-    """[M] pointers of the emitters that shine."""
+    table: EmitterTable
+    """The emitters that shine, M."""
     shines: mi.Float
     """1 for the pointers of emitters that shine, else 0."""
     size: mi.UInt32
@@ -114,16 +110,11 @@ class GroupEmitters:
         Returns:
             The source.
         """
-        pointers = [int(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(e))[0]) for e in scene.mi.emitters()]
-        shines = np.zeros(max(pointers) + 2, np.float32)
-        shines[[pointers[index] for index in emitters]] = 1
-        made = GroupEmitters(
-            mi.UInt32([pointers[index] for index in emitters]),
-            mi.Float(shines),
-            dr.opaque(mi.UInt32, len(emitters)),
-            panes_of(scene),
-        )
-        dr.eval(made.emitter, made.shines, made.size)
+        table, known = EmitterTable.of(scene.mi, emitters), pointers(scene.mi)
+        shines = np.zeros(known.max() + 2, np.float32)
+        shines[known[list(emitters)]] = 1
+        made = GroupEmitters(table, mi.Float(shines), dr.opaque(mi.UInt32, len(emitters)), panes_of(scene))
+        dr.eval(made.shines, made.size)
         return made
 
     def sample(
@@ -140,17 +131,11 @@ class GroupEmitters:
         Returns:
             Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray.
         """
-        ds, weight = resampled(lambda v: self._propose(si, v, active), si, u, candidates(self.size), active)
+        emitter, weight, number = chosen(self.table, (mi.UInt32(0), self.size), si, u.x, active)
+        ds, light = self.table.sample(emitter, si, mi.Point2f(number, u.y), active)
         good = active & (ds.pdf > 0)
-        pdf = dr.select(good, ds.pdf * nominal(candidates(self.size)), 0)
-        return ds.d, dr.select(good, weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
-
-    def _propose(self, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> Any:
-        """Sample a direction to an emitter that the first number chooses; see ``resampling.Propose``."""
-        place = u.x * mi.Float(self.size)
-        # What is left of the number chooses the place on the emitter.
-        rest = mi.Point2f(dr.clip(place - dr.floor(place), 0, 1 - 1e-6), u.y)
-        return _any_of(self.emitter, (mi.UInt32(0), self.size), si, u.x, rest, active)
+        pdf = dr.select(good, ds.pdf * nominal(candidates(self.size)) / mi.Float(self.size), 0)
+        return ds.d, dr.select(good, light * weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
 
     def hit(
         self,
@@ -180,24 +165,3 @@ class GroupEmitters:
         share = nominal(candidates(self.size)) / mi.Float(self.size)
         pdf = ds.emitter.pdf_direction(prev, ds, lit & ~delta_prev) * share
         return dr.select(lit, ds.emitter.eval(si, lit), 0), dr.select(lit & ~delta_prev, pdf, 0)
-
-
-def _any_of(
-    pointers: mi.UInt32,
-    rows: tuple[mi.UInt32, mi.UInt32],
-    it: mi.Interaction3f,
-    number: mi.Float,
-    u: mi.Point2f,
-    active: mi.Bool,
-) -> Any:
-    """Sample a direction to one of some emitters, all with the same chance; see ``resampling.Propose``.
-
-    ``rows``: the first of their pointers, and how many there are; ``number`` in [0, 1) chooses, ``u`` takes the place.
-    """
-    first, size = rows
-    count = mi.Float(size)
-    index = first + dr.minimum(mi.UInt32(number * count), size - 1)
-    emitter = dr.reinterpret_array(mi.EmitterPtr, dr.gather(mi.UInt32, pointers, index, active))
-    ds, weight = emitter.sample_direction(it, u, active)
-    ds.pdf /= count
-    return ds, weight * count

@@ -18,7 +18,6 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.moved import by_pose
-from lightwell.transport.panes import panes_of
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
@@ -230,7 +229,7 @@ def _means(
 
     def source(row):
         if positions is None:
-            return Emitters(panes_of(scene))
+            return Emitters.of(scene)
         return declared(variable, dr.gather(mi.Vector3f, positions, row), scene)
 
     half = limits.paths // 2

@@ -22,8 +22,9 @@ from typing import Any, TypeAlias
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
+from lightwell.transport.emitter_table import EmitterTable, emitter_table
 from lightwell.transport.panes import Panes, panes_of
-from lightwell.transport.resampling import candidates, nominal, resampled
+from lightwell.transport.resampling import candidates, chosen, nominal
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.turned_source import TurnedEmitter
 
@@ -181,9 +182,24 @@ class Emitters:
     """The emitters in the Mitsuba scene: area lights, environment, punctual lights."""
 
     panes: Panes | None = None
+    table: EmitterTable | None = None
+    """By which one is chosen; None: all have the same chance."""
     hits = True
     emits = False
     first_hit = False
+
+    @staticmethod
+    def of(scene: Scene) -> Emitters:
+        """Make the source of all emitters of a scene.
+
+        Args:
+            scene: The scene.
+
+        Returns:
+            The source.
+        """
+        several = len(scene.mi.emitters()) > 1
+        return Emitters(panes_of(scene), emitter_table(scene) if several else None)
 
     def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Sample a direction to an emitter; the caller traces the shadow ray.
@@ -201,14 +217,14 @@ class Emitters:
             Direction [world], weight, density per solid angle, whether it is a delta density, and the shadow ray. With
             several candidates the density is a nominal one, the same that ``hit`` returns: MIS weights need no more.
         """
-        count = candidates(len(scene.emitters()))
-        if count == 1:
+        if self.table is None:
             ds, weight = scene.sample_emitter_direction(si, u, False, active)
-        else:
-            propose = lambda v: scene.sample_emitter_direction(si, v, False, active)  # noqa: E731
-            ds, weight = resampled(propose, si, u, dr.opaque(mi.UInt32, count), active)
-        pdf = ds.pdf * nominal(count)
-        return ds.d, dr.select(ds.pdf > 0, weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
+            return ds.d, dr.select(ds.pdf > 0, weight, 0), ds.pdf, ds.delta, si.spawn_ray_to(ds.p)
+        count = dr.opaque(mi.UInt32, len(scene.emitters()))
+        emitter, weight, number = chosen(self.table, (mi.UInt32(0), count), si, u.x, active)
+        ds, light = self.table.sample(emitter, si, mi.Point2f(number, u.y), active)
+        pdf = ds.pdf * nominal(candidates(count)) / mi.Float(count)
+        return ds.d, dr.select(ds.pdf > 0, light * weight, 0), pdf, ds.delta, si.spawn_ray_to(ds.p)
 
     def hit(
         self,
@@ -233,7 +249,9 @@ class Emitters:
             Radiance, and the density of ``sample`` for the direction (0 after a delta lobe).
         """
         ds = mi.DirectionSample3f(scene, si, prev)
-        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev) * nominal(candidates(len(scene.emitters())))
+        pdf = scene.pdf_emitter_direction(prev, ds, active & ~delta_prev)
+        if self.table is not None:
+            pdf *= nominal(candidates(len(scene.emitters())))
         return ds.emitter.eval(si, active), dr.select(delta_prev, 0, pdf)
 
 

@@ -22,7 +22,7 @@ from lightwell.scenes.parts import ScenePart
 from lightwell.transport.samples import Query, Samples, SurfacePoints, columns_of
 
 # Version of the entry.
-VERSION = 3
+VERSION = 4
 # Most samples that are kept: whole runs of one light, from all shards.
 MOST_SAMPLES = 1 << 18
 # Facts of the set-up that are kept.
