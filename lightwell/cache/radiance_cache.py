@@ -98,7 +98,7 @@ class RadianceCache:
             return TrainingStats(frame=self.schedule.frame, scale=self.predictor.scale.value)
         stats = self.trainer.train(scene, sensor, seed)
         if stats.changed:
-            self.scene_changed("light")
+            self.scene_changed("light", scene)
         self.schedule.finish_frame()
         self.trainer.history.append(stats)
         return stats

@@ -173,3 +173,21 @@ def test_light_that_goes_is_noticed_in_two_frames_and_bright_records_are_not():
         for _ in range(200):
             assert not seen.update(1.0, float(rng.normal() * 0.012))
         assert not seen.update(0.8, 0.48) and seen.update(1.7, second) == noticed
+
+
+def test_emitters_are_read_again_where_the_light_has_changed():
+    lamps = {f"lamp {k}": {"type": "point", "position": [k, 0, 1], "intensity": 1.0} for k in range(3)}
+    floor = {"type": "rectangle", "bsdf": {"type": "diffuse"}}
+    scene = mi.load_dict({"type": "scene", "floor": floor, **lamps})
+    cache = RadianceCache(settings_of(SMALL))
+    cache.prepare(scene)
+    lamps_seen = lambda: np.array(cache.region.context.emitters.table.place).reshape(3, 4)  # noqa: E731
+    before, parameters = lamps_seen(), mi.traverse(scene)
+    moved = next(key for key in parameters.keys() if key.endswith("position"))
+    parameters[moved] = mi.Point3f(5, 6, 7)
+    parameters.update()
+    assert np.array_equal(lamps_seen(), before)
+    cache.scene_changed("light", scene)
+    changed = np.abs(lamps_seen() - before).max(axis=1) > 0
+    assert changed.sum() == 1
+    assert np.allclose(lamps_seen()[changed, :3], [5, 6, 7])
