@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.core.formats import ARRAYS, JSON
-from lightwell.fields.base import UNIT_FACTOR, WHITE, FieldSetup, around_samples, usual_level
+from lightwell.fields.base import UNIT_FACTOR, FieldSetup, around_samples, usual_level
 from lightwell.fields.features import grid_point, local_features, open_builder
 from lightwell.fields.protocol import Lowered, State, Training
 from lightwell.fields.surface.clock import Clock
@@ -41,7 +41,7 @@ from lightwell.transport.samples import Query
 # all surfaces nowhere more, 6 % less in the geometric mean. A grid of what glossy surfaces reflect: staircase2 13 to
 # 11 %, but bevy-cornell 5.9 to 10 %, because each point has one view here.
 _TRAINING = TrainingSettings(
-    loss="relative1_5", optimiser="adam_grid", rate=2e-2, batch=1 << 11, evaluate_every=100, patience=0
+    loss="relative1_5_to_white", optimiser="adam_grid", rate=2e-2, batch=1 << 11, evaluate_every=100, patience=0
 )
 # How far above the surface the grid is read, in cells of its finest level.
 LIFT = 0.5
@@ -135,7 +135,6 @@ class LampsFit:
         target = samples.radiance / samples.query.reflectance[:, None]
         # Each group has a unit of its own: a dim lamp alone is looked at with another exposure.
         self.units = np.maximum(UNIT_FACTOR * usual_level(target.mean(axis=2)), 1e-12 * self.setup.unit)
-        target = np.minimum(target, (WHITE * self.units)[:, None])
         self._states = state_matrix(len(self.names), self.seed)
         whole = self._states @ self.units
         # [3 K, 3 S]: the same for red, green and blue.
