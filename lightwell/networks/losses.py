@@ -24,8 +24,8 @@ EPSILON_BETWEEN = 0.02
 # Radiance in unit S of a lamp from which a place is white: twelve times what the lamp usually lights. Six scenes, equal
 # steps, all lamps on, where people look, error and PSNR of displayed values, a limit of 32 for targets and then this:
 # needle-lightmap-house 21 to 20 %, +1.3 dB; loft 14.9 to 13.0 %, +1.6 dB; pyraxia-hallway 48 to 44 %, +0.3 dB;
-# living-room-2 42 to 24 %, +0.6 dB; bevy-cornell 6.6 to 5.3 %, +1.3 dB; staircase2 12 to 15 %, -1.2 dB. With 5: 21, 13.4,
-# 51, –, –, 18 %; with 8: 23, 13.9 %; with 32: 26, 16.3 % (the first two).
+# living-room-2 42 to 24 %, +0.6 dB; bevy-cornell 6.6 to 5.3 %, +1.3 dB; staircase2 12 to 15 %, -1.2 dB. The first two
+# with 5: 21, 13.4 %; with 8: 23, 13.9 %; with 32: 26, 16.3 %.
 WHITE = 3.0
 
 
