@@ -26,7 +26,7 @@ EPSILON_BETWEEN = 0.02
 # needle-lightmap-house 21 to 20 %, +1.3 dB; loft 14.9 to 13.0 %, +1.6 dB; pyraxia-hallway 48 to 44 %, +0.3 dB;
 # living-room-2 42 to 24 %, +0.6 dB; bevy-cornell 6.6 to 5.3 %, +1.3 dB; staircase2 12 to 15 %, -1.2 dB. The first two
 # with 5: 21, 13.4 %; with 8: 23, 13.9 %; with 32: 26, 16.3 %.
-WHITE = 3.0
+LAMP_WHITE = 3.0
 
 
 def l2(f: Any, y: Any) -> Any:
@@ -113,7 +113,7 @@ def relative1_5(f: Any, y: Any) -> Any:
 
 
 def relative1_5_to_white(f: Any, y: Any) -> Any:
-    """Compute ``relative1_5`` up to ``WHITE``: of a target beyond it, all that is asked is to be as bright.
+    """Compute ``relative1_5`` up to ``LAMP_WHITE``: of a target beyond it, all that is asked is to be as bright.
 
     A place beside a lamp may be thousands of times brighter than what the lamp usually lights; as a plain target it
     takes the network, and cut off it is too dark where other lamps shine, too.
@@ -125,9 +125,9 @@ def relative1_5_to_white(f: Any, y: Any) -> Any:
     Returns:
         [B, 3] loss.
     """
-    beyond = y.array >= WHITE
-    f = mi.TensorXf(dr.select(beyond, dr.minimum(f.array, WHITE), f.array), f.shape)
-    return relative1_5(f, mi.TensorXf(dr.minimum(y.array, WHITE), y.shape))
+    beyond = y.array >= LAMP_WHITE
+    f = mi.TensorXf(dr.select(beyond, dr.minimum(f.array, LAMP_WHITE), f.array), f.shape)
+    return relative1_5(f, mi.TensorXf(dr.minimum(y.array, LAMP_WHITE), y.shape))
 
 
 def expected(z: Any, l: Any) -> Any:

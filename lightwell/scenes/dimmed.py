@@ -46,12 +46,14 @@ def dimmed(scene: Scene, groups: Sequence[LampGroup], factors: Mapping[str, Sequ
         for name, factor in factors.items():
             for index in named[name].emitters:
                 before.append(_scaled(emitters[index], np.asarray(factor, np.float32)))
+        scene.cache.relit += 1
         yield scene
     finally:
         for parameters, values in before:
             for key, value in values.items():
                 parameters[key] = value
             parameters.update()
+        scene.cache.relit += 1
 
 
 def _cure(scene: Scene, name: str, named: Iterable[str]) -> str:

@@ -30,6 +30,8 @@ class SceneCache:
 
     def __init__(self) -> None:
         """Make an empty cache."""
+        self.relit = 0
+        """How many times the emitters of the scene were changed: an argument of results that depend on them."""
         self._held: dict[str, OrderedDict[Hashable, Any]] = {}
         # Reentrant, because computing one result may need another.
         self._lock = threading.RLock()

@@ -45,7 +45,7 @@ class EmitterTable:
 
     @staticmethod
     def of(geometry: mi.Scene, indices: Sequence[int] | None = None) -> EmitterTable:
-        """Measure emitters by rays that they send.
+        """Measure emitters by places on their surfaces, or by rays that they send.
 
         Args:
             geometry: Mitsuba scene.
@@ -123,7 +123,7 @@ TABLE = Derived[EmitterTable]("transport.emitter_table")
 
 
 def emitter_table(scene: Scene) -> EmitterTable:
-    """Return the table of all emitters of a scene, made on first use and kept with it.
+    """Return the table of all emitters of a scene, made on first use and kept with it until they are dimmed.
 
     Args:
         scene: The scene, with at least one emitter.
@@ -131,7 +131,7 @@ def emitter_table(scene: Scene) -> EmitterTable:
     Returns:
         The table.
     """
-    return scene.cache.get(TABLE, lambda: EmitterTable.of(scene.mi))
+    return scene.cache.get(TABLE, lambda: EmitterTable.of(scene.mi), scene.cache.relit)
 
 
 def pointers(geometry: mi.Scene) -> np.ndarray:

@@ -49,9 +49,14 @@ def test_relative1_5_goes_on_growing_where_relative2_stays_at_one():
 
 def test_beyond_white_nothing_is_asked_but_to_be_as_bright():
     from lightwell.backend import dr
-    from lightwell.networks.losses import WHITE
+    from lightwell.networks.losses import LAMP_WHITE as white
 
-    pairs = [(WHITE + 1, 100 * WHITE), (0.5 * WHITE, 100 * WHITE), (2 * WHITE, 0.5 * WHITE), (0.2, 0.3)]
+    pairs = [
+        (white + 1, 100 * white),
+        (0.5 * white, 100 * white),
+        (2 * white, 0.5 * white),
+        (0.2, 0.3),
+    ]
     f, y = (mi.TensorXf(np.float32([[pair[k]] for pair in pairs])) for k in (0, 1))
     dr.enable_grad(f)
     loss = LOSSES["relative1_5_to_white"](f, y)
@@ -59,9 +64,9 @@ def test_beyond_white_nothing_is_asked_but_to_be_as_bright():
     dr.backward(dr.sum(loss, axis=None))
     slope = np.array(dr.grad(f))[:, 0]
     assert found[0] == 0 and slope[0] == 0
-    assert found[1] == pytest.approx(_loss("relative1_5", 0.5 * WHITE, np.array([WHITE]))) and slope[1] < 0
+    assert found[1] == pytest.approx(_loss("relative1_5", 0.5 * white, np.array([white]))) and slope[1] < 0
     # A place that is too bright is pulled back, and below white the loss is the plain one.
-    assert found[2] == pytest.approx(_loss("relative1_5", 2 * WHITE, np.array([0.5 * WHITE]))) and slope[2] > 0
+    assert found[2] == pytest.approx(_loss("relative1_5", 2 * white, np.array([0.5 * white]))) and slope[2] > 0
     assert found[3] == pytest.approx(_loss("relative1_5", 0.2, np.array([0.3])))
 
 

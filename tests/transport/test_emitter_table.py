@@ -107,3 +107,20 @@ def test_the_lamp_close_by_is_chosen_most_often():
     positions = np.array(table.place).reshape(-1, 4)[:, 0]
     near = int(np.argmin(np.abs(positions - 0.6)))
     assert np.bincount(np.array(emitter), minlength=13).argmax() == near
+
+
+def test_dimmed_lamps_are_measured_again():
+    from lightwell.core.lamps import parse_lamps
+    from lightwell.scenes import load
+    from lightwell.scenes.dimmed import dimmed
+    from lightwell.scenes.lamps import group_lamps
+    from lightwell.transport.emitter_table import emitter_table
+
+    scene = load("loft")
+    groups = group_lamps(scene, parse_lamps(("name",)))
+    intensity = lambda: np.array(emitter_table(scene).lobe).reshape(-1, 4)[:, 3]  # noqa: E731
+    before = intensity()
+    with dimmed(scene, groups, {groups[0].name: (0.0, 0.0, 0.0)}):
+        dark = intensity() == 0
+        assert dark.sum() == len(groups[0].emitters)
+    assert np.array_equal(intensity(), before)
