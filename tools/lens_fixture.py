@@ -1,6 +1,6 @@
 """Frames of the lens for the web's tests, made by the Python reference: python tools/lens_fixture.py
 
-Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, a whole frame of two layers, and the libraries
+Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, a whole frame of one to three layers, and the libraries
 that they were made with, so that a library that is baked anew does not touch them.
 """
 
@@ -154,7 +154,7 @@ def moving(rng, library: Library) -> dict:
     }  # fmt: skip
 
 
-def frame_of_two_layers() -> dict:
+def frame_of_layers() -> dict:
     """Bars before a wall in focus with a bright lamp and a far window: the whole pipeline, borders extended."""
     height, width = 60, 80
     y, x = np.mgrid[:height, :width]
@@ -169,16 +169,19 @@ def frame_of_two_layers() -> dict:
     camera = LensCamera(focus=2.0, fstop=1.0, focal=0.05)
     camera = LensCamera(focus=2.0, focal=0.05, fstop=float(camera.confusion(1.1, width) / -7))
     out, _ = WithDisc(LensSettings(layers=2)).apply(light, depth, None, camera)
+    three, report = WithDisc(LensSettings(layers=3)).apply(light, depth, None, camera)
+    assert report.layers == 3, report.layers
     one, _ = WithDisc(LensSettings(layers=1, edges="renormalise")).apply(light, depth, None, camera)
     return {
         "light": packed(light), "depth": packed(depth), "out": packed(out), "one": packed(one),
+        "three": packed(three),
         "camera": {"focus": camera.focus, "fstop": camera.fstop, "focal": camera.focal, "sensor": camera.sensor},
     }  # fmt: skip
 
 
 def main() -> None:
     rng = np.random.default_rng(6)
-    cases = {"still": still(rng), "moving": moving(rng, load(JOINT)), "frame": frame_of_two_layers()}
+    cases = {"still": still(rng), "moving": moving(rng, load(JOINT)), "frame": frame_of_layers()}
     cases |= {
         "disc": base64.b64encode(DISC.read_bytes()).decode(),
         "joint": base64.b64encode(JOINT.read_bytes()).decode(),

@@ -15,7 +15,7 @@ from lightwell.lens.bake import FINE
 from lightwell.lens.choose import choose
 from lightwell.lens.errors import LensError
 from lightwell.lens.families import Family
-from lightwell.lens.layers import Layer
+from lightwell.lens.layers import Layer, lit
 from lightwell.lens.library import Library
 from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.recipes import Recipe, primal
@@ -109,11 +109,10 @@ class Engine:
             What the layer scatters.
         """
         with timed(report, "plan"):
-            y, x = np.nonzero(layer.rgba.any(-1))
-            y, x = y.astype(np.int32), x.astype(np.int32)
-            rgba = layer.rgba[y, x]
-            s = layer.s[y, x].astype(np.float32)
-            motion = None if layer.motion is None else layer.motion[y, x]
+            shining = lit(layer.rgba)
+            y, x = (places.astype(np.int32) for places in np.nonzero(shining))
+            rgba, s = layer.rgba[shining], layer.s[shining].astype(np.float32, copy=False)
+            motion = None if layer.motion is None else layer.motion[shining]
             shape = layer.s.shape
         return self.plan_samples(x, y, rgba, s, motion, shape, report, frame_number)
 
@@ -201,7 +200,8 @@ class Engine:
 
     def _tier(self, node: np.ndarray, rgba: np.ndarray, report: Report) -> np.ndarray:
         """Return 0, or 1 where colour × error of the node exceeds the tolerance, or 2 where the light is extreme."""
-        light = np.abs(rgba[:, :3]).max(1) / self.white if len(rgba) else np.zeros(0)
+        red, green, blue = (np.abs(rgba[:, channel]) for channel in range(3))
+        light = np.maximum(np.maximum(red, green), blue) / self.white
         tier = np.zeros(len(node), np.int64)
         if not np.isfinite(self.tolerance):
             return tier

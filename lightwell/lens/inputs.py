@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.errors import LensError
-from lightwell.lens.layers import Layer, extend, split
+from lightwell.lens.layers import Layer, extend, lit, split
 from lightwell.lens.report import Report
 from lightwell.lens.settings import LensSettings
 
@@ -112,7 +112,7 @@ def widen(layer: Layer, white: float) -> tuple[Layer, int]:
     border = np.zeros(layer.s.shape, bool)
     band = min(4, min(border.shape))
     border[:band], border[-band:], border[:, :band], border[:, -band:] = True, True, True, True
-    border &= layer.rgba.any(-1)
+    border[border] = lit(layer.rgba[border])
     if not border.any():
         return layer, 0
     reach = np.abs(layer.s[border]).max()
@@ -130,9 +130,11 @@ def _valid(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Replace invalid pixels by their nearest valid one, so that nothing spreads and no hole is left."""
     # Depth and motion are undefined where there is neither light nor coverage.
-    dark = ~np.any(rgba, -1)
+    dark = ~lit(rgba)
     depth = np.where(dark & ~(depth > 0), np.inf, depth)
-    good = np.isfinite(rgba).all(-1) & (depth > 0)
+    good = depth > 0
+    for channel in range(rgba.shape[-1]):
+        good &= np.isfinite(rgba[..., channel])
     if motion is not None:
         motion = np.where(dark[..., None], 0, motion)
         good &= np.isfinite(motion).all(-1)

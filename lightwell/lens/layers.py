@@ -39,6 +39,21 @@ class Layer:
     """[height, width, 2] float32: displacement while the shutter is open, pixels; None is at rest."""
 
 
+def lit(rgba: np.ndarray) -> np.ndarray:
+    """Find the pixels that have light or coverage; channel by channel, which takes a fifth of the time of ``any``.
+
+    Args:
+        rgba: Light [..., 4], premultiplied.
+
+    Returns:
+        [...] bool.
+    """
+    found = rgba[..., 0] != 0
+    for channel in range(1, rgba.shape[-1]):
+        found |= rgba[..., channel] != 0
+    return found
+
+
 def thresholds(s: np.ndarray, count: int) -> list[float]:
     """Choose where to cut the signed circle of confusion into layers: at depth discontinuities, not through surfaces.
 
@@ -91,7 +106,7 @@ def split(
     """Split a frame into depth layers, and fill what a front layer hides.
 
     Hidden content comes from ``peel``, the second surfaces, where they are given and lie behind the cut; elsewhere it
-    is extrapolated from the visible part of the layer.
+    is extrapolated from the visible part of the layer that is seen nearest.
 
     Args:
         rgba: Light [height, width, 4], premultiplied.
@@ -123,7 +138,9 @@ def split(
         hidden = bounds[i]
         before, after = divided[i - 1] if i else None, divided[i] if i < len(cuts) else None
         layer = _with_mixed(Layer(rgba * weight[..., None], s, motion), rgba, before, after)
-        made.append(layer if hidden.max() <= 0 else _filled(layer, weight, hidden, reach, peel, cuts[i - 1]))
+        made.append(
+            layer if hidden.max() <= 0 else _filled(layer, weight, hidden, bounds[i + 1], reach, peel, cuts[i - 1])
+        )
     return made
 
 
@@ -136,24 +153,41 @@ def _with_mixed(layer: Layer, rgba: np.ndarray, before: Divided | None, after: D
         mine = one.light if is_front else rgba - one.light
         light = np.where(one.mixed[..., None], mine, light)
         s = np.where(one.mixed, one.front if is_front else one.back, s)
-    return Layer(light.astype(np.float32), s.astype(np.float32), layer.motion)
+    return Layer(light.astype(np.float32, copy=False), s.astype(np.float32, copy=False), layer.motion)
 
 
 def _filled(
-    layer: Layer, weight: np.ndarray, hidden: np.ndarray, reach: float, peel: Layer | None, cut: float
+    layer: Layer,
+    weight: np.ndarray,
+    hidden: np.ndarray,
+    before: np.ndarray,
+    reach: float,
+    peel: Layer | None,
+    cut: float,
 ) -> Layer:
-    """Extrapolate a layer under what hides it, as far as it can become visible: colour, blur and motion."""
-    known = weight > 0.5
-    wanted = (hidden > 0) & (distance_transform_edt(~known) <= reach + 2)
-    if not wanted.any() or not known.any():
+    """Extrapolate a layer under what hides it, as far as it can become visible: colour, blur and motion.
+
+    A hidden pixel is guessed to be of the layer that is seen nearest to it; ``before`` is the share of each pixel that
+    lies in this layer or in front of it.
+    """
+    known, wanted = weight > 0.5, hidden > 0
+    # What is known within reach of a hidden pixel lies within reach of the box of all.
+    near = _around(wanted, int(np.ceil(reach)) + 3)
+    away = distance_transform_edt(~known[near])
+    wanted[near] &= away <= reach + 2
+    deeper = before[near] < 0.5
+    if peel is None and deeper.any():
+        wanted[near] &= away <= distance_transform_edt(~deeper)
+    if not wanted.any() or not known[near].any():
         return layer
-    box = _around(wanted)
+    box = _around(wanted, CONTEXT)
     part = Layer(layer.rgba[box], layer.s[box], None if layer.motion is None else layer.motion[box])
     second = None
     if peel is not None:
         second = Layer(peel.rgba[box], peel.s[box], None if peel.motion is None else peel.motion[box])
     made = _filled_part(part, weight[box], hidden[box], known[box], wanted[box], second, cut)
-    rgba, s = layer.rgba.copy(), layer.s.copy()
+    # The light is this layer's own product with its share; blur may be that of the whole frame.
+    rgba, s = layer.rgba, layer.s.copy()
     rgba[box], s[box] = made.rgba, made.s
     motion = layer.motion
     if motion is not None:
@@ -162,12 +196,12 @@ def _filled(
     return Layer(rgba, s, motion)
 
 
-def _around(mask: np.ndarray) -> tuple[slice, slice]:
-    """Return the box around a mask, with ``CONTEXT`` pixels of surroundings to extrapolate from."""
+def _around(mask: np.ndarray, margin: int) -> tuple[slice, slice]:
+    """Return the box around a mask that is not empty, with so many pixels of surroundings."""
     spans = []
     for axis in (1, 0):
         where = np.flatnonzero(mask.any(axis))
-        spans.append(slice(max(int(where[0]) - CONTEXT, 0), int(where[-1]) + 1 + CONTEXT))
+        spans.append(slice(max(int(where[0]) - margin, 0), int(where[-1]) + 1 + margin))
     rows, columns = spans
     return rows, columns
 
@@ -229,9 +263,10 @@ def tidy(image: np.ndarray) -> np.ndarray:
     Returns:
         Clamped layer [..., 4].
     """
-    rgb, alpha = np.maximum(image[..., :3], 0), np.maximum(image[..., 3:], 0)
-    over = np.maximum(alpha, 1)
-    return np.concatenate([rgb / over, alpha / over], -1)
+    out = np.maximum(image, 0)
+    over = out[..., 3] > 1
+    out[over] /= out[over][:, 3:]
+    return out
 
 
 def composite(images: list[np.ndarray]) -> np.ndarray:
@@ -281,7 +316,7 @@ def extend(image: np.ndarray, pad: int, white: float) -> np.ndarray:
     """
     out = np.pad(image, ((pad, pad), (pad, pad), (0, 0)), mode="edge")
     border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])[:, :3].max(1)
-    inner = out[pad:-pad, pad:-pad].copy()
-    out[..., :3] = np.minimum(out[..., :3], max(white, 2 * float(np.median(border))))
-    out[pad:-pad, pad:-pad] = inner
+    most = max(white, 2 * float(np.median(border)))
+    for strip in (out[:pad], out[-pad:], out[pad:-pad, :pad], out[pad:-pad, -pad:]):
+        np.minimum(strip[..., :3], most, out=strip[..., :3])
     return out

@@ -13,7 +13,7 @@ from lightwell.lens.camera import LensCamera
 from lightwell.lens.engine import Engine, timed
 from lightwell.lens.errors import LensError
 from lightwell.lens.inputs import STILL, FrameInputs, widen
-from lightwell.lens.layers import Layer, composite, over_coverage, tidy
+from lightwell.lens.layers import Layer, composite, lit, over_coverage, tidy
 from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.prescription import MountedLens, mount
 from lightwell.lens.report import Report
@@ -87,7 +87,7 @@ class Lens:
             if opaque and self.settings.edges != "dark":
                 out = over_coverage(out)
             out[..., 3] = np.minimum(out[..., 3], 1)
-        return out.astype(np.float32), report
+        return out.astype(np.float32, copy=False), report
 
     def _blurred(
         self, layer: Layer, report: Report, frame_number: int, mounted: MountedLens | None
@@ -96,9 +96,11 @@ class Lens:
         bands = self._bands(layer, mounted)
         if len(bands) == 1:
             return self.blur(layer, report, frame_number, mounted)
-        out = np.empty((*layer.s.shape, 4), np.float32)
+        # Channel by channel, as the solve leaves it: what follows reads whole channels.
+        height, width = layer.s.shape
+        out = np.empty((4, height, width), np.float32).transpose(1, 2, 0)
         for first, last, margin in bands:
-            low, high = max(first - margin, 0), min(last + margin, len(out))
+            low, high = max(first - margin, 0), min(last + margin, height)
             motion = None if layer.motion is None else layer.motion[low:high]
             part = replace(layer, rgba=layer.rgba[low:high], s=layer.s[low:high], motion=motion)
             out[first:last] = self.blur(part, report, frame_number)[first - low : last - low]
@@ -191,7 +193,7 @@ class Lens:
 
     def _parts(self, layer: Layer) -> Iterator[tuple[Layer, float, float]]:
         """Yield (layer, largest radius, longest motion) of the static and of the moving pixels, where there are any."""
-        shining = layer.rgba.any(-1)
+        shining = lit(layer.rgba)
         largest = float(np.abs(layer.s[shining]).max()) if shining.any() else 0.0
         if not shining.any():
             return

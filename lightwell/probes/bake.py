@@ -71,7 +71,8 @@ def bake_geometry(
     Raises:
         ValueError: The lattice has more than ``MOST_NODES`` nodes.
     """
-    lattice = lattice or ProbeLattice.around(scene.bounds, spacing, offset)
+    # Ground of kilometres gets no probes: what moves is where people look, and beyond it the outermost probes are used.
+    lattice = lattice or ProbeLattice.around(scene.core, spacing, offset)
     if len(lattice) > MOST_NODES:
         raise ValueError(
             f"probes: --spacing {spacing:g} needs {len(lattice):,} nodes, more than {MOST_NODES:,}; use a wider one"

@@ -256,6 +256,17 @@ def test_structure_goes_on_behind_a_thin_front():
     assert np.abs(behind[..., 0] - stripes)[bar].max() < 0.02
 
 
+def test_what_hides_behind_the_front_is_of_the_layer_seen_nearest():
+    s = np.zeros((80, 40), np.float32)
+    s[:, 20:] = 8
+    s[:40, 10:30] = -8
+    rgba = np.where(s[..., None] == -8, [0.2, 0.2, 0.2, 1], np.where(s[..., None] == 0, [1, 0, 0, 1], [0, 0, 1, 1]))
+    _, middle, back = split(rgba.astype(np.float32), s, None, 3, 30.0)
+    assert middle.rgba[12, :20, 3] == pytest.approx(1) and middle.rgba[12, 21:, 3] == pytest.approx(0)
+    assert back.rgba[12, 10:, 2] == pytest.approx(1)
+
+
+
 def test_layers_are_cut_at_edges_not_through_surfaces():
     x = np.mgrid[:60, :80][1]
     s = np.where(x < 40, -10.0, 6.0 + 0.01 * x)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lightwell.probes.bake import bake_geometry
 from lightwell.scenes.free_air import free_air
 from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.variables import default_variable
@@ -29,6 +30,13 @@ def test_ground_of_kilometres_is_not_part_of_the_core(town):
     low, high = town.core
     assert (low <= (0, 0, 0)).all() and (high >= (44, 6, 29)).all()
     assert (high - low).max() < 100 < town.extent
+
+
+def test_probes_stand_in_the_core(town):
+    lattice = bake_geometry(town, 12.0, "relu-field").volume.lattice
+    low, high = lattice.origin, lattice.origin + lattice.spacing * np.array(lattice.cells)
+    assert (low <= town.core[0]).all() and (high >= town.core[1]).all()
+    assert (high - low <= town.core[1] - town.core[0] + 3 * lattice.spacing).all()
 
 
 def test_a_light_and_cameras_are_placed_in_the_core(town):

@@ -87,7 +87,7 @@ function tidied(values: number[]): number[] {
 
 /** The integer planes of the device, [row][column][4], and the reference's laid out as they are: what leaves to the right comes back. */
 function planes(answer: LensAnswer, reference: any) {
-  const data = answer.buffers.image_all!;
+  const data = answer.buffers.image!;
   const [w, h] = answer.domain;
   const shift = answer.guard - reference.guard;
   return (["charges", "primal"] as const).map((name, plane) => {
@@ -131,7 +131,7 @@ function twoLayers(change: Partial<LensRequest> = {}): LensRequest {
 }
 
 // The solve writes into the integers: without it they stay.
-const UNSOLVED = { idle: ["forward", "solve", "back"], read: ["image_all"] };
+const UNSOLVED = { idle: ["forward", "solve", "back"], read: ["image"] };
 
 /** A picture of one value and depth. */
 const flat = (size: number, value: number, depth: number) => ({
@@ -162,8 +162,18 @@ describe("against the Python reference", () => {
   it("two layers, borders extended: above 50 dB of the whole pipeline", async () => {
     const answer = await draw(twoLayers());
     const { psnr } = compare(answer.picture, unpack(CASES.frame.out));
-    expect(answer.report.cut).not.toBeNull();
+    expect(answer.report.cuts.length).toBe(1);
     expect(psnr).toBeGreaterThan(50);
+  });
+
+  it("three layers: above 50 dB of the whole pipeline; a fourth is not there where nothing is left to cut", async () => {
+    const answer = await draw(twoLayers({ options: { largest: 16, layers: 3 } }));
+    expect(answer.report.cuts.length).toBe(2);
+    expect(answer.report.cuts[0]!).toBeLessThan(answer.report.cuts[1]!);
+    expect(compare(answer.picture, unpack(CASES.frame.three)).psnr).toBeGreaterThan(50);
+    const four = await draw(twoLayers({ options: { largest: 16, layers: 4 } }));
+    expect(four.report.cuts).toEqual(answer.report.cuts);
+    expect(compare(four.picture, answer.picture).psnr).toBeGreaterThan(100);
   });
 
   it("a real GPU's larger workgroups give the same", async () => {
@@ -182,7 +192,7 @@ describe("against the Python reference", () => {
 const planted = <T>(bugs: T[]): T[] => (process.env.LIGHTWELL_LONG_TESTS ? bugs : bugs.slice(0, 2));
 
 describe("planted bugs are found", () => {
-  const SPLAT = "splat_all";
+  const SPLAT = "splat";
   it.each(planted([
     ["remainders that are not carried", "e = t - (n << b);", "e = vec4i(0);"],
     ["offsets mirrored", "start.x + sign * p.x", "start.x - sign * p.x"],
@@ -205,14 +215,23 @@ describe("planted bugs are found", () => {
   });
 
   it.each(planted([
-    ["behind", "shine += share *", "shine += 0.0 * share *"],
+    ["behind", "shine += hidden *", "shine += 0.0 * hidden *"],
     ["flood", "far < nearest", "far > nearest"],
-    ["composite", "(1.0 - out.w) * behind", "behind"],
-    ["splat_behind", "vec3f(cut.border)", "vec3f(0.1 * cut.border)"],
+    ["composite", "(1.0 - out.w) * behind[at]", "behind[at]"],
+    ["splat", "vec3f(cuts.border)", "vec3f(0.1 * cuts.border)"],
     ["choose", "bitcast<i32>(atomicLoad(&stats[EDGES_AT + k]))", "1"],
   ]))("in the layers: %s", async (shader, from, to) => {
     const { picture } = await draw(twoLayers({ plant: { shader, from, to } }));
     expect(compare(picture, unpack(CASES.frame.out)).psnr).toBeLessThan(45);
+  });
+
+  it.each(planted([
+    ["edges", "min(a, b) < cuts.at[k] && max(a, b) > cuts.at[k]", "false"],
+    ["accumulate", "(1.0 - layer.w) * out", "out"],
+    ["choose", "cuts.count++;", ""],
+  ]))("in three layers: %s", async (shader, from, to) => {
+    const { picture } = await draw(twoLayers({ options: { largest: 16, layers: 3 }, plant: { shader, from, to } }));
+    expect(compare(picture, unpack(CASES.frame.three)).psnr).toBeLessThan(45);
   });
 });
 
@@ -305,6 +324,16 @@ describe("what a picture must be", () => {
     expect(compare(answer.picture, clean.picture).psnr).toBeGreaterThan(35);
   });
 
+  it("cuts ascend, whichever is found first", async () => {
+    const size = 48;
+    // Many edges between 0 and 8, few between -8 and 0: the cut behind is found first.
+    const depth = flat(size, 0.5, 0).depth.map((_, i) => depthOf(i < 6 * size ? -8 : i % 12 < 6 ? 0 : 8));
+    const { report } = await draw({ ...flat(size, 0.5, 0), depth, libraries: [disc], options: { largest: 12, layers: 3 }, camera: unitCamera(size) });
+    expect(report.cuts.length).toBe(2);
+    expect(report.cuts[0]!).toBeLessThan(0);
+    expect(report.cuts[1]!).toBeGreaterThan(0);
+  });
+
   it("blur beyond the library is cut, and counted", async () => {
     const size = 24;
     const depth = flat(size, 0.5, 0).depth.map((_, i) => depthOf(i % size < 5 ? -20 : 3));
@@ -343,6 +372,7 @@ describe("a guest that cleans up", () => {
     [{ frame: { white: 0 } }, /white is 0/],
     [{ frame: { depthMeaning: { kind: "planes", near: 2, far: 1 } } }, /near must be above 0 and below far/],
     [{ options: { largest: Number.NaN } }, /largest blur is NaN/],
+    [{ options: { layers: 5 } }, /5 layers; use 1 to 4/],
   ] as const)("refuses %j", async (change, message) => {
     await expect(page.evaluate((r) => window.lensDraw(r), twoLayers(change as Partial<LensRequest>))).rejects.toThrow(message);
   });

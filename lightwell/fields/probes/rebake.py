@@ -155,7 +155,7 @@ def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path)
             raise ValueError(f"bake: '{old}' has the unknown preset '{before.preset}'; bake the scene whole")
     lattice = next(iter(kept.values()))[0].lit.geometry.volume.lattice
     low, high = lattice.origin, lattice.origin + lattice.spacing * np.array(lattice.cells)
-    if (scene.bounds[0] < low - 1e-4).any() or (scene.bounds[1] > high + 1e-4).any():
+    if (scene.core[0] < low - 1e-4).any() or (scene.core[1] > high + 1e-4).any():
         raise ValueError(f"bake: the scene has outgrown the probes of '{old}'; bake it whole, without --rebake")
 
 

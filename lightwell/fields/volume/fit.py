@@ -137,7 +137,7 @@ def _solve(setup: FieldSetup, preset: VolumePreset, spacing: float, seed: int) -
     variable = None if static else setup.variable
     lights = None if static else sample_lights(scene, variable, preset.states, seed + STATE_SEED)
     sampling = preset.static_sampling if static else preset.sampling
-    grid, support = split_grid(scene, ProbeLattice.around(scene.bounds, spacing))
+    grid, support = split_grid(scene, ProbeLattice.around(scene.core, spacing))
     light = node_light(grid, volume_rows(scene, support, sampling, seed, variable, lights))
     states = light.reshape(len(light), grid.count, 9, 3)
     mix = np.ones((1, 1)) if static else singular_mix(states, np.arange(grid.count), preset.rank)

@@ -120,7 +120,7 @@ async function lensFor(gpu: GPUDevice, request: LensRequest): Promise<{ lens: Le
   const key = JSON.stringify([width, height, libraries, options, hardware]);
   // Only the last one: lenses of many sizes would fill the memory.
   if (!lenses.has(key)) {
-    for (const other of lenses.values()) (await other).dispose();
+    for (const other of lenses.values()) (await other.catch(() => null))?.dispose();
     lenses.clear();
     lenses.set(key, make());
   }

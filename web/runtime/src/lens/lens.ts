@@ -3,15 +3,15 @@
 import type { DepthMeaning, LensCamera } from "./camera.ts";
 import { type Edges, frameBlock, positive } from "./frame-block.ts";
 import { type SpreadletLibrary } from "./library.ts";
-import { type BindingKind, MOST_LINE, type Plan, plan, type PlannedShader } from "./plan.ts";
+import { type BindingKind, checkLayers, MOST_LINE, type Plan, plan, type PlannedShader } from "./plan.ts";
 import type { PictureFormat } from "./wgsl-composite.ts";
 
 /** What stays the same from frame to frame. */
 export interface LensOptions {
   /** Spreadlets, of one or two libraries: one without motion, one with it. */
   readonly libraries: readonly SpreadletLibrary[];
-  /** Depth layers; one ignores who covers whom. */
-  readonly layers?: 1 | 2;
+  /** Depth layers, 1 to 4; one ignores who covers whom. Each takes a scatter and a solve, and no memory. */
+  readonly layers?: number;
   /** Blur is cut to this radius, px; by default as far as the library reaches. */
   readonly largest?: number;
   /** Motion is cut to this length, px; by default as far as the library reaches. */
@@ -38,7 +38,7 @@ export interface LensFrame {
   readonly opaque?: boolean;
   /** Scene-referred value that shows as white; 1 by default. */
   readonly white?: number;
-  /** Circle of confusion where layers part, px; found by itself where absent. */
+  /** Circle of confusion where two layers part, px; cuts are found by themselves where it is absent. */
   readonly cut?: number | null;
   /** Number of the frame; changes the dither. */
   readonly number?: number;
@@ -55,8 +55,8 @@ export interface LensReport {
   readonly bad: number;
   /** Pixels whose blur or motion was larger than the libraries reach, and cut. */
   readonly clamped: number;
-  /** Circle of confusion where the layers part, px, if they do. */
-  readonly cut: number | null;
+  /** Circles of confusion where layers part, px, front to back. */
+  readonly cuts: readonly number[];
 }
 
 /** A lens on a device. Make it with `Lens.create`, call `encode` for each frame and `dispose` at the end. */
@@ -85,6 +85,7 @@ export class Lens {
     if ((!this.still && !this.moving) || options.libraries.length > 2) throw new RangeError("lens: give one library, or one without and one with motion");
     const radii = [this.still, this.moving].filter((one) => one !== null).map((one) => one.axes[0].at(-1)!);
     this.largest = positive(Math.min(options.largest ?? Infinity, ...radii), "largest blur");
+    checkLayers(options.layers ?? 2);
     this.longest = this.moving ? positive(Math.min(options.longest ?? Infinity, this.moving.axes[1].at(-1)!), "longest motion") : LONGEST_AXIS;
   }
 
@@ -127,12 +128,10 @@ export class Lens {
   /** What the last frame met. */
   async report(): Promise<LensReport> {
     const { fitted } = this;
-    if (!fitted || this.disposed) return { bad: 0, clamped: 0, cut: null };
-    const [stats, cut] = await Promise.all([fitted.read("stats"), fitted.read("cut")]);
-    const floats = new Float32Array(cut);
-    const present = this.options.layers !== 1 && floats[1]! > 0;
+    if (!fitted || this.disposed) return { bad: 0, clamped: 0, cuts: [] };
+    const [stats, cuts] = await Promise.all([fitted.read("stats"), fitted.read("cuts")]);
     const [bad, clamped] = new Uint32Array(stats).slice(-2) as unknown as [number, number];
-    return { bad, clamped, cut: present ? floats[0]! : null };
+    return { bad, clamped, cuts: [...new Float32Array(cuts, 0, new Uint32Array(cuts)[4]!)] };
   }
 
   /** What a buffer of the plan holds after the work that was submitted; for tests. */

@@ -5,11 +5,11 @@
 
 import { type SpreadletLibrary, turns } from "./library.ts";
 import { fastSize } from "./sizes.ts";
-import { composite, type PictureFormat } from "./wgsl-composite.ts";
+import { accumulate, composite, type PictureFormat } from "./wgsl-composite.ts";
 import { BEHIND, COARSEN_FIRST, COARSEN_NEXT, coarser, FLOOD, REFINE, SEED } from "./wgsl-fill.ts";
-import { FRAME_BYTES, STATS_WORDS } from "./wgsl-frame.ts";
-import { CHOOSE, EDGES, GATHER, RANGE } from "./wgsl-gather.ts";
-import { type Part, type LibrarySlot, splat } from "./wgsl-splat.ts";
+import { FRAME_BYTES, MOST_LAYERS, STATS_WORDS } from "./wgsl-frame.ts";
+import { BORDER, CHOOSE, EDGES, GATHER, RANGE } from "./wgsl-gather.ts";
+import { type LibrarySlot, splat } from "./wgsl-splat.ts";
 import { columnsSolve, rowsBack, rowsForward, table } from "./wgsl-transform.ts";
 
 /** How a shader sees one of its bindings, in their order. */
@@ -39,7 +39,8 @@ export interface PlanOptions {
   readonly still: SpreadletLibrary | null;
   /** Library for pixels that move: family `depth-speed` or `shaped-speed`. */
   readonly moving: SpreadletLibrary | null;
-  readonly layers: 1 | 2;
+  /** Depth layers, 1 to 4. */
+  readonly layers: number;
   /** Blur and motion are cut to this, px. */
   readonly largest: number;
   readonly longest: number;
@@ -64,11 +65,18 @@ export interface Plan {
 /** Longest line that fits the workgroup memory that every WebGPU device has, 16 KiB. */
 export const MOST_LINE = 2048;
 
+/** Layers as they may be asked for; throws unless they are. */
+export function checkLayers(layers: number): number {
+  if (Number.isInteger(layers) && layers >= 1 && layers <= MOST_LAYERS) return layers;
+  throw new RangeError(`lens: ${layers} layers; use 1 to ${MOST_LAYERS}`);
+}
+
 const groups = (n: number, size: number): number => Math.ceil(n / size);
 
 /** Plan a lens for frames of one size. */
 export function plan(options: PlanOptions): Plan {
-  const { width, height, still, moving, layers, format, software = false } = options;
+  const { width, height, still, moving, format, software = false } = options;
+  const layers = checkLayers(options.layers);
   const libraries = [still, moving].filter((one) => one !== null);
   const extend = options.extend ? Math.ceil(options.largest + (moving ? options.longest / 2 : 0)) : 0;
   const guard = extend + Math.max(...libraries.map((one) => reachOf(one, options.largest))) + 1;
@@ -84,51 +92,51 @@ export function plan(options: PlanOptions): Plan {
     light: { bytes: 16 * pixels },
     place: { bytes: 16 * pixels },
     stats: { bytes: 4 * STATS_WORDS },
-    cut: { bytes: 32 },
+    cuts: { bytes: 32 },
+    image: { bytes: 32 * domain[0] * domain[1] },
+    still: { bytes: 32 },
     ...slots.buffers(),
     columns: of(table(domain[1])),
     rows: of(table(domain[0])),
   };
   const shaders: Record<string, PlannedShader> = {
     gather: { code: GATHER, bindings: ["uniform", "texture", "texture", "texture", "write", "write", "write"] },
-    choose: { code: CHOOSE, bindings: ["uniform", "write", "write"] },
+    border: { code: BORDER, bindings: ["uniform", "write", "write"] },
+    splat: { code: splat(stillSlot, movingSlot), bindings: ["uniform", "uniform", ...Array<"read">(6).fill("read"), "write"] },
     forward: { code: rowsForward(domain[0], software), bindings: ["uniform", "read", "write"] },
     solve: { code: columnsSolve(domain[1], software), bindings: ["uniform", "read", "write", "write", "read"] },
     back: { code: rowsBack(domain[0], software), bindings: ["uniform", "read", "write", "write"] },
-    composite: { code: composite(layers, format), bindings: ["uniform", "picture", "read", ...(layers === 2 ? (["read", "read", "read", "write"] as const) : [])] },
+    composite: { code: composite(layers, format), bindings: ["uniform", "picture", "read", ...Array<"read">(layers > 1 ? 3 : 0).fill("read")] },
   };
   const tiles = [groups(width, 64), groups(height, 64), 1] as const;
   const steps: Step[] = [
     { clear: "stats" },
     { shader: "gather", uses: ["frame", "color", "depth", "motion", "light", "place", "stats"], groups: tiles },
   ];
-  const parts: readonly Part[] = layers === 2 ? ["front", "behind"] : ["all"];
-  if (layers === 2) {
-    shaders.range = { code: RANGE, bindings: ["uniform", "write", "write"] };
-    shaders.edges = { code: EDGES, bindings: ["uniform", "write", "write", "read"] };
-    steps.push({ shader: "range", uses: ["frame", "stats", "cut"], groups: [1, 1, 1] });
-    steps.push({ shader: "edges", uses: ["frame", "stats", "cut", "place"], groups: tiles });
+  if (layers > 1) findCuts(layers, tiles, shaders, steps);
+  steps.push({ shader: "border", uses: ["frame", "stats", "cuts"], groups: [1, 1, 1] });
+  const fill = layers > 1 ? new Fill(options, buffers, shaders) : null;
+  if (layers > 1) {
+    shaders.accumulate = { code: accumulate(layers), bindings: ["uniform", "uniform", "read", "read", "read", "read", "write", "write"] };
+    buffers.behind = { bytes: 16 * pixels };
   }
-  steps.push({ shader: "choose", uses: ["frame", "stats", "cut"], groups: [1, 1, 1] });
-  const seeds = layers === 2 ? fillBehind(options, buffers, shaders, steps) : null;
-  for (const part of parts) {
-    const [image, still_] = [`image_${part}`, `still_${part}`];
-    buffers[image] = { bytes: 32 * domain[0] * domain[1] };
-    buffers[still_] = { bytes: 32 };
-    const sources = part === "behind" ? ["behind_light", "behind_place"] : ["light", "place"];
-    shaders[`splat_${part}`] = {
-      code: splat(part, stillSlot, movingSlot),
-      bindings: ["uniform", "read", "read", "read", "read", "read", "read", "write"],
-    };
-    const area = [groups(width + 2 * extend, 8), groups(height + 2 * extend, 8), 1] as const;
-    steps.push({ clear: image });
-    steps.push({ shader: `splat_${part}`, uses: ["frame", "cut", ...sources, "axes", "records", "points", image], groups: area });
-    steps.push({ shader: "forward", uses: ["frame", "rows", image], groups: [domain[1], 2, 1] });
-    steps.push({ shader: "solve", uses: ["frame", "columns", image, still_, "rows"], groups: [domain[0], 2, 1] });
-    steps.push({ shader: "back", uses: ["frame", "rows", image, still_], groups: [height, 2, 1] });
+  const area = [groups(width + 2 * extend, 8), groups(height + 2 * extend, 8), 1] as const;
+  const over = [groups(width, 8), groups(height, 8), 1] as const;
+  // Back to front, so that one image serves all layers.
+  for (let number = layers - 1; number >= 0; number--) {
+    const part = `part${number}`;
+    buffers[part] = of(Uint32Array.of(number, 0, 0, 0));
+    const seeds = number > 0 ? fill!.steps(part, steps) : null;
+    const sources = number > 0 ? ["filled_light", "filled_place"] : ["light", "place"];
+    steps.push({ clear: "image" });
+    steps.push({ shader: "splat", uses: ["frame", part, "cuts", ...sources, "axes", "records", "points", "image"], groups: area });
+    steps.push({ shader: "forward", uses: ["frame", "rows", "image"], groups: [domain[1], 2, 1] });
+    steps.push({ shader: "solve", uses: ["frame", "columns", "image", "still", "rows"], groups: [domain[0], 2, 1] });
+    steps.push({ shader: "back", uses: ["frame", "rows", "image", "still"], groups: [height, 2, 1] });
+    if (seeds) steps.push({ shader: "accumulate", uses: ["frame", part, "cuts", "image", "filled_place", seeds, "place", "behind"], groups: over });
   }
-  const layered = [...parts.map((part) => `image_${part}`), ...(seeds ? ["cut", "place", seeds] : [])];
-  steps.push({ shader: "composite", uses: ["frame", "picture", ...layered], groups: [groups(width, 8), groups(height, 8), 1] });
+  const layered = layers > 1 ? ["cuts", "place", "behind"] : [];
+  steps.push({ shader: "composite", uses: ["frame", "picture", "image", ...layered], groups: over });
   return { options, domain, guard, extend, buffers, shaders, steps };
 }
 
@@ -178,53 +186,76 @@ class LibrarySlots {
   }
 }
 
-/** Steps that continue the back layer behind the front one; returns the buffer of nearest pixels. */
-function fillBehind(options: PlanOptions, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>, steps: Step[]): string {
-  const { width, height } = options;
-  const levels = Math.max(1, Math.ceil(Math.log2(Math.max(width, height))));
-  const sizes: [number, number, number][] = [[width, height, 0]];
-  let texels = 0;
-  for (let i = 0; i < levels; i++) {
-    const [w, h] = sizes[i]!;
-    sizes.push([coarser(w), coarser(h), texels]);
-    texels += coarser(w) * coarser(h);
+/** Steps that find where to cut a frame into layers, one cut after the other. */
+function findCuts(layers: number, tiles: readonly [number, number, number], shaders: Record<string, PlannedShader>, steps: Step[]): void {
+  shaders.range = { code: RANGE, bindings: ["uniform", "write", "write"] };
+  shaders.edges = { code: EDGES, bindings: ["uniform", "write", "write", "read"] };
+  shaders.choose = { code: CHOOSE, bindings: ["uniform", "write", "write"] };
+  steps.push({ shader: "range", uses: ["frame", "stats", "cuts"], groups: [1, 1, 1] });
+  for (let cut = 1; cut < layers; cut++) {
+    steps.push({ shader: "edges", uses: ["frame", "stats", "cuts", "place"], groups: tiles });
+    steps.push({ shader: "choose", uses: ["frame", "stats", "cuts"], groups: [1, 1, 1] });
   }
-  for (const name of ["coarse_a", "coarse_b", "result_a", "result_b"]) buffers[name] = { bytes: 16 * texels };
-  for (const name of ["behind_light", "behind_place"]) buffers[name] = { bytes: 16 * width * height };
-  sizes.forEach((size, i) => {
-    const next = sizes[i + 1] ?? [0, 0, 0];
-    buffers[`level${i}`] = of(Uint32Array.from([...size, 0, ...next, i === levels ? 1 : 0]));
-  });
-  shaders.coarsen_first = { code: COARSEN_FIRST, bindings: ["uniform", "uniform", "read", "read", "read", "write", "write"] };
-  shaders.coarsen_next = { code: COARSEN_NEXT, bindings: ["uniform", "read", "write", "write"] };
-  shaders.refine = { code: REFINE, bindings: ["uniform", "read", "write", "write", "write", "write"] };
-  shaders.seed = { code: SEED, bindings: ["uniform", "read", "read", "write"] };
-  shaders.flood = { code: FLOOD, bindings: ["uniform", "uniform", "read", "write", "write"] };
-  shaders.behind = { code: BEHIND, bindings: ["uniform", "uniform", "read", "read", "read", ...new Array<"write">(5).fill("write")] };
-  const over = (i: number) => [groups(sizes[i]![0], 8), groups(sizes[i]![1], 8), 1] as const;
-  const pyramid = ["coarse_a", "coarse_b"];
-  const results = ["result_a", "result_b"];
-  steps.push({ shader: "coarsen_first", uses: ["frame", "level0", "cut", "light", "place", ...pyramid], groups: over(1) });
-  for (let i = 1; i < levels; i++) steps.push({ shader: "coarsen_next", uses: [`level${i}`, "cut", ...pyramid], groups: over(i + 1) });
-  for (let i = levels; i > 0; i--) steps.push({ shader: "refine", uses: [`level${i}`, "cut", ...pyramid, ...results], groups: over(i) });
-  const seeds = flood(options, buffers, steps);
-  steps.push({ shader: "behind", uses: ["frame", "level0", "cut", "light", "place", ...results, seeds, "behind_light", "behind_place"], groups: over(0) });
-  return seeds;
 }
 
-/** Steps that find the nearest seen pixel within the reach of blur and motion; returns the buffer that holds it. */
-function flood({ width, height, largest, moving, longest }: PlanOptions, buffers: Record<string, PlannedBuffer>, steps: Step[]): string {
-  const area = [groups(width, 8), groups(height, 8), 1] as const;
-  const reach = largest + (moving ? longest / 2 : 0) + 4;
-  const pair = ["seeds_a", "seeds_b"];
-  for (const name of pair) buffers[name] = { bytes: 8 * width * height };
-  steps.push({ shader: "seed", uses: ["frame", "cut", "place", "seeds_a"], groups: area });
-  // Jumps of 2^n, …, 2, 1 see 2^(n+1) - 1 far; one more of 1 mends most of what they miss.
-  const jumps = [1, 1];
-  while (2 * jumps[0]! - 1 < reach) jumps.unshift(2 * jumps[0]!);
-  jumps.forEach((step, i) => {
-    buffers[`jump${i}`] = of(Int32Array.of(step, 0, 0, 0));
-    steps.push({ shader: "flood", uses: ["frame", `jump${i}`, "cut", pair[i % 2]!, pair[(i + 1) % 2]!], groups: area });
-  });
-  return pair[jumps.length % 2]!;
+/** Continues layers behind those in front of them, each in the same buffers. */
+class Fill {
+  private readonly levels: number;
+  private readonly over: readonly (readonly [number, number, number])[];
+  /** Distances of the flood's jumps, px. */
+  private readonly jumps: readonly number[];
+
+  constructor(options: PlanOptions, buffers: Record<string, PlannedBuffer>, shaders: Record<string, PlannedShader>) {
+    const { width, height, largest, longest, moving } = options;
+    this.levels = Math.max(1, Math.ceil(Math.log2(Math.max(width, height))));
+    const sizes: [number, number, number][] = [[width, height, 0]];
+    let texels = 0;
+    for (let i = 0; i < this.levels; i++) {
+      const [w, h] = sizes[i]!;
+      sizes.push([coarser(w), coarser(h), texels]);
+      texels += coarser(w) * coarser(h);
+    }
+    this.over = sizes.map(([w, h]) => [groups(w, 8), groups(h, 8), 1] as const);
+    for (const name of ["coarse_a", "coarse_b", "result_a", "result_b"]) buffers[name] = { bytes: 16 * texels };
+    for (const name of ["filled_light", "filled_place"]) buffers[name] = { bytes: 16 * width * height };
+    for (const name of ["seeds_a", "seeds_b"]) buffers[name] = { bytes: 8 * width * height };
+    sizes.forEach((size, i) => {
+      const next = sizes[i + 1] ?? [0, 0, 0];
+      buffers[`level${i}`] = of(Uint32Array.from([...size, 0, ...next, i === this.levels ? 1 : 0]));
+    });
+    // Jumps of 2^n, …, 2, 1 see 2^(n+1) - 1 far; one more of 1 mends most of what they miss.
+    const reach = largest + (moving ? longest / 2 : 0) + 4;
+    const jumps = [1, 1];
+    while (2 * jumps[0]! - 1 < reach) jumps.unshift(2 * jumps[0]!);
+    jumps.forEach((step, i) => (buffers[`jump${i}`] = of(Int32Array.of(step, 0, 0, 0))));
+    this.jumps = jumps;
+    shaders.coarsen_first = { code: COARSEN_FIRST, bindings: ["uniform", "uniform", "uniform", "read", "read", "read", "write", "write"] };
+    shaders.coarsen_next = { code: COARSEN_NEXT, bindings: ["uniform", "uniform", "read", "write", "write"] };
+    shaders.refine = { code: REFINE, bindings: ["uniform", "uniform", "read", "write", "write", "write", "write"] };
+    shaders.seed = { code: SEED, bindings: ["uniform", "uniform", "read", "read", "write"] };
+    shaders.flood = { code: FLOOD, bindings: ["uniform", "uniform", "uniform", "read", "write", "write"] };
+    shaders.behind = { code: BEHIND, bindings: ["uniform", "uniform", "uniform", "read", "read", "read", ...Array<"write">(5).fill("write")] };
+  }
+
+  /** Add the steps of a layer, named by its uniform block; returns the buffer of nearest pixels. */
+  steps(part: string, steps: Step[]): string {
+    const { levels, over } = this;
+    const pyramid = ["coarse_a", "coarse_b"];
+    const results = ["result_a", "result_b"];
+    steps.push({ shader: "coarsen_first", uses: ["frame", "level0", part, "cuts", "light", "place", ...pyramid], groups: over[1]! });
+    for (let i = 1; i < levels; i++) steps.push({ shader: "coarsen_next", uses: [`level${i}`, part, "cuts", ...pyramid], groups: over[i + 1]! });
+    for (let i = levels; i > 0; i--) steps.push({ shader: "refine", uses: [`level${i}`, part, "cuts", ...pyramid, ...results], groups: over[i]! });
+    const seeds = this.flood(part, steps);
+    steps.push({ shader: "behind", uses: ["frame", "level0", part, "cuts", "light", "place", ...results, seeds, "filled_light", "filled_place"], groups: over[0]! });
+    return seeds;
+  }
+
+  /** Add the steps that find the nearest seen pixel within the reach of blur and motion. */
+  private flood(part: string, steps: Step[]): string {
+    const pair = ["seeds_a", "seeds_b"];
+    const area = this.over[0]!;
+    steps.push({ shader: "seed", uses: ["frame", part, "cuts", "place", "seeds_a"], groups: area });
+    this.jumps.forEach((_, i) => steps.push({ shader: "flood", uses: ["frame", `jump${i}`, part, "cuts", pair[i % 2]!, pair[(i + 1) % 2]!], groups: area }));
+    return pair[this.jumps.length % 2]!;
+  }
 }

@@ -12,7 +12,7 @@ import type { SpreadletLibrary } from "./library.ts";
 /** Options of a `LensNode`. */
 export interface LensNodeOptions {
   readonly libraries: readonly SpreadletLibrary[];
-  readonly layers?: 1 | 2;
+  readonly layers?: number;
   readonly largest?: number;
   readonly longest?: number;
   readonly edges?: Edges;
@@ -39,7 +39,7 @@ export class LensNode extends Node {
   enabled = true;
   /** Scene-referred value that shows as white. */
   white = 1;
-  /** Circle of confusion where layers part, px; found by itself when null. */
+  /** Circle of confusion where two layers part, px; cuts are found by themselves when null. */
   cut: number | null = null;
   private readonly scenePass: AnyNode;
   private readonly options: LensNodeOptions;

@@ -1,6 +1,6 @@
 /**
- * WGSL that continues what the front layer hides (`lightwell/lens/layers.py`): the nearest pixel that is seen of the back
- * layer, found by jump flooding (Rong and Tan 2006), gives way to a smooth membrane through all of them farther in, by a
+ * WGSL that continues a layer behind those in front of it (`lightwell/lens/layers.py`): the nearest pixel that is seen of
+ * the layer, found by jump flooding (Rong and Tan 2006), gives way to a smooth membrane through all of them farther in, by a
  * convolution pyramid (`lightwell/lens/pyramid.py`, `fill`). Every level is padded with zeros by `PAD` on all sides.
  */
 
@@ -23,7 +23,7 @@ const LEVEL = /* wgsl */ `
 struct Level { fine: vec4u, coarse: vec4u }   // width, height, first texel, whether it is the coarsest
 `;
 
-/** What is known of the back layer at a pixel of the picture: light and (s, motion, 1). */
+/** What is known of the layer at a pixel of the picture: light and (s, motion, 1). */
 const KNOWN = /* wgsl */ `
 struct Pair { a: vec4f, b: vec4f }
 fn known(at: vec2i) -> Pair {
@@ -31,7 +31,7 @@ fn known(at: vec2i) -> Pair {
   if (any(at < vec2i(0)) || any(at >= vec2i(frame.size))) { return p; }
   let index = u32(at.y) * frame.size.x + u32(at.x);
   let spot = place[index];
-  if (front_share(spot.x, cut) < 0.5) {
+  if (share_of(spot.x, part.number, cuts) > 0.5) {
     p.a = light[index];
     p.b = vec4f(spot.xyz, 1.0);
   }
@@ -42,7 +42,7 @@ fn known(at: vec2i) -> Pair {
 const COARSEN = /* wgsl */ `
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-  if (any(id.xy >= level.coarse.xy) || cut.present == 0.0) { return; }
+  if (any(id.xy >= level.coarse.xy) || part.number > cuts.count) { return; }
   var a = vec4f(0.0);
   var b = vec4f(0.0);
   for (var y = 0; y < 5; y++) {
@@ -64,11 +64,12 @@ export const COARSEN_FIRST = /* wgsl */ `
 ${FRAME}${CUT}${LEVEL}${KERNELS}
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> level: Level;
-@group(0) @binding(2) var<storage, read> cut: Cut;
-@group(0) @binding(3) var<storage, read> light: array<vec4f>;
-@group(0) @binding(4) var<storage, read> place: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> coarse_a: array<vec4f>;
-@group(0) @binding(6) var<storage, read_write> coarse_b: array<vec4f>;
+@group(0) @binding(2) var<uniform> part: Part;
+@group(0) @binding(3) var<storage, read> cuts: Cuts;
+@group(0) @binding(4) var<storage, read> light: array<vec4f>;
+@group(0) @binding(5) var<storage, read> place: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> coarse_b: array<vec4f>;
 ${KNOWN}${COARSEN}
 `;
 
@@ -88,9 +89,10 @@ fn known(at: vec2i) -> Pair {
 export const COARSEN_NEXT = /* wgsl */ `
 ${CUT}${LEVEL}${KERNELS}
 @group(0) @binding(0) var<uniform> level: Level;
-@group(0) @binding(1) var<storage, read> cut: Cut;
-@group(0) @binding(2) var<storage, read_write> coarse_a: array<vec4f>;
-@group(0) @binding(3) var<storage, read_write> coarse_b: array<vec4f>;
+@group(0) @binding(1) var<uniform> part: Part;
+@group(0) @binding(2) var<storage, read> cuts: Cuts;
+@group(0) @binding(3) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> coarse_b: array<vec4f>;
 ${STORED}${COARSEN}
 `;
 
@@ -127,15 +129,16 @@ fn refined(at: vec2i) -> Pair {
 export const REFINE = /* wgsl */ `
 ${CUT}${LEVEL}${KERNELS}
 @group(0) @binding(0) var<uniform> level: Level;
-@group(0) @binding(1) var<storage, read> cut: Cut;
-@group(0) @binding(2) var<storage, read_write> coarse_a: array<vec4f>;
-@group(0) @binding(3) var<storage, read_write> coarse_b: array<vec4f>;
-@group(0) @binding(4) var<storage, read_write> result_a: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> result_b: array<vec4f>;
+@group(0) @binding(1) var<uniform> part: Part;
+@group(0) @binding(2) var<storage, read> cuts: Cuts;
+@group(0) @binding(3) var<storage, read_write> coarse_a: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> coarse_b: array<vec4f>;
+@group(0) @binding(5) var<storage, read_write> result_a: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> result_b: array<vec4f>;
 ${STORED}${REFINED}
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-  if (any(id.xy >= level.fine.xy) || cut.present == 0.0) { return; }
+  if (any(id.xy >= level.fine.xy) || part.number > cuts.count) { return; }
   let p = refined(vec2i(id.xy));
   let index = level.fine.z + id.y * level.fine.x + id.x;
   result_a[index] = p.a;
@@ -143,12 +146,12 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
 }
 `;
 
-/** Who is nearest of what is seen of the back layer, and of what is well inside it: x | y << 16. */
+/** Who is nearest of what is seen of the layer, and of what is well inside it: x | y << 16. */
 export const SEEDS = /* wgsl */ `
 // Nobody is known yet.
 const NOBODY = 0xffffffffu;
 fn away(at: vec2i, seed: u32) -> f32 {
-  return select(length(vec2f(vec2i(i32(seed & 0xffffu), i32(seed >> 16u)) - at)), 1e9, seed == NOBODY);
+  return select(length(vec2f(vec2i(i32(seed & 0xffffu), i32(seed >> 16u)) - at)), NOTHING, seed == NOBODY);
 }
 `;
 
@@ -156,16 +159,17 @@ fn away(at: vec2i, seed: u32) -> f32 {
 export const SEED = /* wgsl */ `
 ${FRAME}${CUT}${SEEDS}
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> cut: Cut;
-@group(0) @binding(2) var<storage, read> place: array<vec4f>;
-@group(0) @binding(3) var<storage, read_write> seeds: array<vec2u>;
+@group(0) @binding(1) var<uniform> part: Part;
+@group(0) @binding(2) var<storage, read> cuts: Cuts;
+@group(0) @binding(3) var<storage, read> place: array<vec4f>;
+@group(0) @binding(4) var<storage, read_write> seeds: array<vec2u>;
 fn seen(at: vec2i) -> bool {
   if (any(at < vec2i(0)) || any(at >= vec2i(frame.size))) { return true; }
-  return front_share(place[u32(at.y) * frame.size.x + u32(at.x)].x, cut) < 0.5;
+  return share_of(place[u32(at.y) * frame.size.x + u32(at.x)].x, part.number, cuts) > 0.5;
 }
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-  if (any(id.xy >= frame.size) || cut.present == 0.0) { return; }
+  if (any(id.xy >= frame.size) || part.number > cuts.count) { return; }
   var inner = true;
   for (var k = 0; k < 9; k++) { inner = inner && seen(vec2i(id.xy) + vec2i(k % 3, k / 3) - 1); }
   let me = id.x | (id.y << 16u);
@@ -179,12 +183,13 @@ ${FRAME}${CUT}${SEEDS}
 struct Jump { step: i32, pad0: i32, pad1: i32, pad2: i32 }
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> jump: Jump;
-@group(0) @binding(2) var<storage, read> cut: Cut;
-@group(0) @binding(3) var<storage, read_write> seeds: array<vec2u>;
-@group(0) @binding(4) var<storage, read_write> next: array<vec2u>;
+@group(0) @binding(2) var<uniform> part: Part;
+@group(0) @binding(3) var<storage, read> cuts: Cuts;
+@group(0) @binding(4) var<storage, read_write> seeds: array<vec2u>;
+@group(0) @binding(5) var<storage, read_write> next: array<vec2u>;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3u) {
-  if (any(id.xy >= frame.size) || cut.present == 0.0) { return; }
+  if (any(id.xy >= frame.size) || part.number > cuts.count) { return; }
   let at = vec2i(id.xy);
   let index = id.y * frame.size.x + id.x;
   var best = seeds[index];
@@ -201,19 +206,20 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
 }
 `;
 
-/** The back layer: what is seen of it, and behind the front one its continuation. */
+/** A layer behind others: what is seen of it, and behind those its continuation. */
 export const BEHIND = /* wgsl */ `
 ${FRAME}${CUT}${LEVEL}${KERNELS}${SEEDS}
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> level: Level;
-@group(0) @binding(2) var<storage, read> cut: Cut;
-@group(0) @binding(3) var<storage, read> light: array<vec4f>;
-@group(0) @binding(4) var<storage, read> place: array<vec4f>;
-@group(0) @binding(5) var<storage, read_write> result_a: array<vec4f>;
-@group(0) @binding(6) var<storage, read_write> result_b: array<vec4f>;
-@group(0) @binding(7) var<storage, read_write> seeds: array<vec2u>;
-@group(0) @binding(8) var<storage, read_write> behind_light: array<vec4f>;
-@group(0) @binding(9) var<storage, read_write> behind_place: array<vec4f>;
+@group(0) @binding(2) var<uniform> part: Part;
+@group(0) @binding(3) var<storage, read> cuts: Cuts;
+@group(0) @binding(4) var<storage, read> light: array<vec4f>;
+@group(0) @binding(5) var<storage, read> place: array<vec4f>;
+@group(0) @binding(6) var<storage, read_write> result_a: array<vec4f>;
+@group(0) @binding(7) var<storage, read_write> result_b: array<vec4f>;
+@group(0) @binding(8) var<storage, read_write> seeds: array<vec2u>;
+@group(0) @binding(9) var<storage, read_write> filled_light: array<vec4f>;
+@group(0) @binding(10) var<storage, read_write> filled_place: array<vec4f>;
 ${KNOWN}${REFINED}
 // Distance over which what lies nearest gives way to the membrane, px.
 const FADE = 40.0;
@@ -222,16 +228,16 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
   if (any(id.xy >= frame.size)) { return; }
   let at = vec2i(id.xy);
   let index = id.y * frame.size.x + id.x;
-  var shine = light[index];
   var spot = place[index];
-  let share = front_share(spot.x, cut);
+  let hidden = share_before(spot.x, part.number, cuts);
+  let share = share_of(spot.x, part.number, cuts);
   // What is seen for the better part continues itself.
-  if (share >= 0.5) {
-    shine *= 1.0 - share;
+  var shine = light[index] * select(share, share + hidden, share > 0.5);
+  if (hidden > 0.0 && share <= 0.5 && part.number <= cuts.count) {
     let seed = seeds[index];
     let far = away(at, seed.x);
-    // Nobody sees what lies farther under its cover than blur and motion reach.
-    if (far <= frame.largest + 0.5 * frame.longest + 2.0) {
+    // Nobody sees what lies farther under its cover than blur and motion reach; what a deeper layer is nearer to is of that.
+    if (far <= min(frame.largest + 0.5 * frame.longest + 2.0, spot.w)) {
       // A pixel on the border may hold light of what covers the rest: its inner neighbour is better.
       let from_there = select(seed.x, seed.y, away(at, seed.y) <= far + 1.1);
       let nearest = (from_there >> 16u) * frame.size.x + (from_there & 0xffffu);
@@ -239,12 +245,12 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
       let p = refined(at);
       let weight = select(0.0, (1.0 - own) / p.b.w, p.b.w > 1e-20);
       let rest = select(1.0, own, p.b.w > 1e-20);
-      shine += share * max(light[nearest] * rest + p.a * weight, vec4f(0.0));
+      shine += hidden * max(light[nearest] * rest + p.a * weight, vec4f(0.0));
       // Where a surface lies partly in front, the part behind is as far away as the layer, not as the surface.
-      if (share > 0.5) { spot = vec4f(place[nearest].xyz * rest + p.b.xyz * weight, 0.0); }
+      if (share < 0.5) { spot = vec4f(place[nearest].xyz * rest + p.b.xyz * weight, 0.0); }
     }
   }
-  behind_light[index] = shine;
-  behind_place[index] = spot;
+  filled_light[index] = shine;
+  filled_place[index] = spot;
 }
 `;

@@ -1,5 +1,8 @@
 /** WGSL that several passes share: what a frame is, and how a layer's share of a pixel is found. */
 
+/** Depth layers that a frame may have. */
+export const MOST_LAYERS = 4;
+
 /** Bits of `flags`. */
 export const FLAGS = { autoCut: 1, motion: 2, opaque: 4, normalise: 8 } as const;
 
@@ -22,7 +25,7 @@ struct Frame {
   motion: vec2f,     // from the texture's unit to px over the open shutter
   white: f32,
   tolerance: f32,    // error in whites at which a pixel takes the finer tier
-  cut: f32,          // between two layers, where it is not found by itself
+  cut: f32,          // between two layers, where cuts are not found by themselves
   pad0: f32, pad1: f32, pad2: f32,
 }
 `;
@@ -40,17 +43,29 @@ const LEVELS_AT = ${STATS.bins + STATS.places + 1}u;
 const BAD_AT = ${STATS.bins + STATS.places + 1 + STATS.levels}u;   // and after it those whose blur or motion was cut
 // Width of the soft border between two layers, px of circle of confusion.
 const SOFT = 1.5;
+// How far away what is not there is, px.
+const NOTHING = 1e9;
 
-struct Cut {
-  at: f32,
-  present: f32,
-  low: f32,
+struct Cuts {
+  at: vec4f,         // circles of confusion where layers part, ascending
+  count: u32,        // so many of them are there, and one layer more
+  low: f32,          // candidates lie in between
   high: f32,
   border: f32,       // light from outside the picture is held to this
 }
 
-/** Share of a surface with circle of confusion s that belongs to the front layer. */
-fn front_share(s: f32, cut: Cut) -> f32 {
-  return select(0.0, clamp((cut.at - s) / SOFT + 0.5, 0.0, 1.0), cut.present > 0.0);
+/** Number of a layer, front to back. */
+struct Part { number: u32, pad0: u32, pad1: u32, pad2: u32 }
+
+/** Share of a surface with circle of confusion s that lies in front of a layer; 1 where the layer is not there. */
+fn share_before(s: f32, number: u32, cuts: Cuts) -> f32 {
+  if (number == 0u) { return 0.0; }
+  if (number > cuts.count) { return 1.0; }
+  return clamp((cuts.at[number - 1u] - s) / SOFT + 0.5, 0.0, 1.0);
+}
+
+/** Share of it that belongs to the layer. */
+fn share_of(s: f32, number: u32, cuts: Cuts) -> f32 {
+  return share_before(s, number + 1u, cuts) - share_before(s, number, cuts);
 }
 `;

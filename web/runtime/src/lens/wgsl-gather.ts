@@ -1,4 +1,4 @@
-/** WGSL that reads a frame and finds where to cut it into two layers (`lightwell/lens/layers.py`, `thresholds`). */
+/** WGSL that reads a frame and finds where to cut it into layers (`lightwell/lens/layers.py`, `thresholds`). */
 
 import { CUT, FLAGS, FRAME } from "./wgsl-frame.ts";
 
@@ -71,7 +71,7 @@ fn one(at: vec2i) {
   if (abs(wanted) > frame.largest || length(m) > frame.longest) { atomicAdd(&counts[1], 1u); }
   m *= min(1.0, frame.longest / max(length(m), 1e-9));
   light[index] = p.light;
-  place[index] = vec4f(s, m, 0.0);
+  place[index] = vec4f(s, m, NOTHING);
   atomicAdd(&bins[u32(clamp((s / max(frame.largest, 1e-6) * 0.5 + 0.5) * f32(BINS), 0.0, f32(BINS - 1u)))], 1u);
   if (any(at == vec2i(0)) || any(at == last)) {
     let brightest = max(p.light.x, max(p.light.y, max(p.light.z, 1e-9)));
@@ -101,11 +101,11 @@ const STATISTICS = /* wgsl */ `
 ${FRAME}${CUT}
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<storage, read_write> stats: array<atomic<u32>>;
-@group(0) @binding(2) var<storage, read_write> cut: Cut;
+@group(0) @binding(2) var<storage, read_write> cuts: Cuts;
 fn middle(bin: f32) -> f32 { return (bin / f32(BINS) * 2.0 - 1.0) * frame.largest; }
 `;
 
-/** The range of s that candidates lie in: percentiles 0.5 and 99.5. One workgroup. */
+/** The range of s that candidates lie in: percentiles 0.5 and 99.5; no cut is known yet. One workgroup. */
 export const RANGE = /* wgsl */ `
 ${STATISTICS}
 var<workgroup> sums: array<u32, 256>;
@@ -124,11 +124,14 @@ fn main(@builtin(local_invocation_index) i: u32) {
   var bin = block * EACH;
   while (bin < BINS - 1u && f32(below + atomicLoad(&stats[bin])) <= rank) { below += atomicLoad(&stats[bin]); bin++; }
   let value = middle(f32(bin) + 0.5);
-  if (i == 0u) { cut.low = value; } else { cut.high = value; }
+  if (i == 0u) { cuts.low = value; cuts.count = 0u; } else { cuts.high = value; }
 }
 `;
 
-/** How many edges cross each candidate: differences, that is +1 where an edge begins to count and -1 where it ends. */
+/**
+ * How many edges that no cut crosses yet cross each candidate: differences, that is +1 where an edge begins to count and -1
+ * where it ends.
+ */
 export const EDGES = /* wgsl */ `
 ${STATISTICS}
 @group(0) @binding(3) var<storage, read> place: array<vec4f>;
@@ -138,11 +141,12 @@ var<workgroup> counts: array<atomic<i32>, 65>;
 
 fn edge(a: f32, b: f32) {
   if (abs(a - b) < JUMP) { return; }
-  let step = (cut.high - cut.low) / f32(PLACES + 1u);
+  let step = (cuts.high - cuts.low) / f32(PLACES + 1u);
   if (!(step > 0.0)) { return; }
+  for (var k = 0u; k < cuts.count; k++) { if (min(a, b) < cuts.at[k] && max(a, b) > cuts.at[k]) { return; } }
   // Candidate i lies at low + (i + 1) step; it counts strictly inside (min + SOFT/2, max - SOFT/2).
-  let first = i32(clamp(floor((min(a, b) + 0.5 * SOFT - cut.low) / step), 0.0, f32(PLACES)));
-  let end = i32(clamp(ceil((max(a, b) - 0.5 * SOFT - cut.low) / step) - 1.0, 0.0, f32(PLACES)));
+  let first = i32(clamp(floor((min(a, b) + 0.5 * SOFT - cuts.low) / step), 0.0, f32(PLACES)));
+  let end = i32(clamp(ceil((max(a, b) - 0.5 * SOFT - cuts.low) / step) - 1.0, 0.0, f32(PLACES)));
   if (end > first) {
     atomicAdd(&counts[first], 1);
     atomicAdd(&counts[end], -1);
@@ -168,15 +172,25 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_id) local
 }
 `;
 
-/** The best candidate: edges that cross it less the pixels of surfaces that it cuts through; and the border's median. */
+/** One cut more: the best candidate, by edges that cross it less pixels of surfaces that it cuts through. */
 export const CHOOSE = /* wgsl */ `
 ${STATISTICS}
 // A pixel of a surface that is cut through weighs this much against an edge.
 const THROUGH = 0.05;
 var<workgroup> scores: array<f32, PLACES>;
+fn insert(value: f32) {
+  var k = cuts.count;
+  while (k > 0u && cuts.at[k - 1u] > value) {
+    cuts.at[k] = cuts.at[k - 1u];
+    k--;
+  }
+  cuts.at[k] = value;
+  cuts.count++;
+}
 @compute @workgroup_size(64)
 fn main(@builtin(local_invocation_index) i: u32) {
-  let place = cut.low + f32(i + 1u) * (cut.high - cut.low) / f32(PLACES + 1u);
+  let step = (cuts.high - cuts.low) / f32(PLACES + 1u);
+  let place = cuts.low + f32(i + 1u) * step;
   var crossed = 0;
   for (var k = 0u; k <= i; k++) { crossed += bitcast<i32>(atomicLoad(&stats[EDGES_AT + k])); }
   let scale = f32(BINS) * 0.5 / max(frame.largest, 1e-6);
@@ -185,24 +199,38 @@ fn main(@builtin(local_invocation_index) i: u32) {
   var through = 0u;
   for (var k = first; k < end; k++) { through += atomicLoad(&stats[k]); }
   scores[i] = f32(crossed) - THROUGH * f32(through);
+  for (var k = 0u; k < cuts.count; k++) { if (abs(place - cuts.at[k]) <= 2.0 * SOFT) { scores[i] = 0.0; } }
   workgroupBarrier();
+  storageBarrier();
+  // The next cut counts its own edges.
+  atomicStore(&stats[EDGES_AT + i], 0u);
   if (i == 0u) {
+    atomicStore(&stats[EDGES_AT + PLACES], 0u);
     var best = 0u;
     for (var k = 1u; k < PLACES; k++) { if (scores[k] > scores[best]) { best = k; } }
-    let found = (frame.flags & ${FLAGS.autoCut}u) != 0u;
-    cut.at = select(frame.cut, cut.low + f32(best + 1u) * (cut.high - cut.low) / f32(PLACES + 1u), found);
-    cut.present = select(1.0, select(0.0, 1.0, scores[best] > 0.0), found);
-  }
-  if (i == 1u) {
-    var total = 0u;
-    for (var k = 0u; k < LEVELS; k++) { total += atomicLoad(&stats[LEVELS_AT + k]); }
-    var below = 0u;
-    var level = 0u;
-    while (level < LEVELS - 1u && 2u * (below + atomicLoad(&stats[LEVELS_AT + level])) < total) {
-      below += atomicLoad(&stats[LEVELS_AT + level]);
-      level++;
+    if ((frame.flags & ${FLAGS.autoCut}u) == 0u) {
+      cuts.at[0] = frame.cut;
+      cuts.count = 1u;
+    } else if (scores[best] > 0.0) {
+      insert(cuts.low + f32(best + 1u) * step);
     }
-    cut.border = max(frame.white, 2.0 * exp2((f32(level) + 0.5) / 4.0 - 16.0));
   }
+}
+`;
+
+/** What light from outside the picture is held to: twice the border's median. */
+export const BORDER = /* wgsl */ `
+${STATISTICS}
+@compute @workgroup_size(1)
+fn main() {
+  var total = 0u;
+  for (var k = 0u; k < LEVELS; k++) { total += atomicLoad(&stats[LEVELS_AT + k]); }
+  var below = 0u;
+  var level = 0u;
+  while (level < LEVELS - 1u && 2u * (below + atomicLoad(&stats[LEVELS_AT + level])) < total) {
+    below += atomicLoad(&stats[LEVELS_AT + level]);
+    level++;
+  }
+  cuts.border = max(frame.white, 2.0 * exp2((f32(level) + 0.5) / 4.0 - 16.0));
 }
 `;

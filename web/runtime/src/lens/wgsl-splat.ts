@@ -21,9 +21,6 @@ export interface LibrarySlot {
 /** Motion shorter than this is none where a library without motion is at hand, px. */
 const STILL = 0.25;
 
-/** Which part of a frame is scattered. */
-export type Part = "all" | "front" | "behind";
-
 const CODE = { depth: 0, "depth-speed": 1, "shaped-speed": 2, "cats-eye": 3 } as const;
 
 const POINT = {
@@ -109,20 +106,20 @@ const turnedLoop = (point: string): string => /* wgsl */ `
   }
 `;
 
-/** The scatter of one part of a frame, for pixels at rest and for those that move. */
-export function splat(part: Part, still: LibrarySlot | null, moving: LibrarySlot | null): string {
+/** The scatter of a layer, for pixels at rest and for those that move. */
+export function splat(still: LibrarySlot | null, moving: LibrarySlot | null): string {
   const slots = [still && (["still", still] as const), moving && (["moving", moving] as const)].filter((s) => s !== null);
-  const share = { all: "1.0", front: "front_share(spot.x, cut)", behind: "1.0" }[part];
   return /* wgsl */ `
 ${FRAME}${CUT}
 @group(0) @binding(0) var<uniform> frame: Frame;
-@group(0) @binding(1) var<storage, read> cut: Cut;
-@group(0) @binding(2) var<storage, read> light: array<vec4f>;
-@group(0) @binding(3) var<storage, read> place: array<vec4f>;
-@group(0) @binding(4) var<storage, read> axes: array<f32>;
-@group(0) @binding(5) var<storage, read> records: array<vec4u>;   // first, count | picture << 31, scale, peak
-@group(0) @binding(6) var<storage, read> points: array<u32>;
-@group(0) @binding(7) var<storage, read_write> image: array<atomic<i32>>;
+@group(0) @binding(1) var<uniform> part: Part;
+@group(0) @binding(2) var<storage, read> cuts: Cuts;
+@group(0) @binding(3) var<storage, read> light: array<vec4f>;
+@group(0) @binding(4) var<storage, read> place: array<vec4f>;
+@group(0) @binding(5) var<storage, read> axes: array<f32>;
+@group(0) @binding(6) var<storage, read> records: array<vec4u>;   // first, count | picture << 31, scale, peak
+@group(0) @binding(7) var<storage, read> points: array<u32>;
+@group(0) @binding(8) var<storage, read_write> image: array<atomic<i32>>;
 
 fn plane_size() -> u32 { return frame.domain.x * frame.domain.y * 4u; }
 
@@ -149,7 +146,7 @@ fn pcg(v: u32) -> u32 {
 fn dither(at: vec2i, axis: u32) -> f32 {
   let along = select(select(3518319155u, 2447445413u, axis == 1u), 3242174889u, axis == 0u);
   let down = select(select(2882110345u, 1052792407u, axis == 1u), 2447445413u, axis == 0u);
-  let value = bitcast<u32>(at.x) * along + bitcast<u32>(at.y) * down + pcg(3u * (frame.seed + ${part === "behind" ? 1 : 0}u) + axis);
+  let value = bitcast<u32>(at.x) * along + bitcast<u32>(at.y) * down + pcg(3u * (frame.seed + part.number) + axis);
   return f32(value >> 8u) * exp2(-24.0);
 }
 
@@ -219,12 +216,13 @@ fn main(@builtin(global_invocation_id) id: vec3u) {
   let inside = clamp(at, vec2i(0), last);
   let index = u32(inside.y) * frame.size.x + u32(inside.x);
   let spot = place[index].xyz;
-  var shine = light[index] * ${share};
+  // Layers behind the first hold their own share of light already.
+  var shine = light[index] * select(1.0, share_of(spot.x, 0u, cuts), part.number == 0u);
   if (any(at != inside)) {
     // Light from outside the picture: its border repeated, as far as that reaches in, without its highlights.
     let away = max(abs(at.x - inside.x), abs(at.y - inside.y));
     if (f32(away) > abs(spot.x) + 0.5 * length(spot.yz) + 1.0) { return; }
-    shine = vec4f(min(shine.xyz, vec3f(cut.border)), shine.w);
+    shine = vec4f(min(shine.xyz, vec3f(cuts.border)), shine.w);
   }
   if (all(shine == vec4f(0.0))) { return; }
   ${
