@@ -1,7 +1,7 @@
 """Frames of the lens for the web's tests, made by the Python reference: python tools/lens_fixture.py
 
-Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, a whole frame of one to three layers, and the libraries
-that they were made with, so that a library that is baked anew does not touch them.
+Writes web/test/fixtures/lens.json.gz: integer images, solved pictures, a whole frame of one to three layers, and the
+libraries that they were made with, so that a library that is baked anew does not touch them.
 """
 
 from __future__ import annotations
