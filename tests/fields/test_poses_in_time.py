@@ -9,7 +9,13 @@ import pytest
 from lightwell.fields.budget import Budget
 from lightwell.fields.protocol import State
 from lightwell.fields.request import Request
-from lightwell.fields.surface.poses import gather_in_time, posed_maker, times_in_time, traced_poses
+from lightwell.fields.surface.poses import (
+    gather_in_time,
+    posed_maker,
+    seconds_for_others,
+    times_in_time,
+    traced_poses,
+)
 from lightwell.scenes import load
 from lightwell.scenes.posing import declared_movers, with_movers
 from lightwell.scenes.variables import default_variable
@@ -56,6 +62,15 @@ def test_own_light_alone_has_more_points_where_poses_leave_time(state, seconds_o
     assert times_in_time(state, SECONDS, GATHERED, seconds_of_a_pose) == expected
     beside_a_lamp = State(state.job, state.scene, None, ("indirect", "static"))
     assert times_in_time(beside_a_lamp, SECONDS, GATHERED, seconds_of_a_pose) == 1
+
+
+def test_other_roles_give_their_share_of_the_poses(state):
+    # 16 poses of 0.5 s; own light has three tenths of the time.
+    assert seconds_for_others(state, "static", GATHERED, 0.5) == pytest.approx(0)
+    lights = State(state.job, state.scene, None, ("indirect", "indirect-day"))
+    assert seconds_for_others(lights, "indirect", GATHERED, 0.5) == pytest.approx(4)
+    with_own = State(state.job, state.scene, None, ("indirect", "static"))
+    assert seconds_for_others(with_own, "indirect", GATHERED, 0.5) == pytest.approx(0.3 * 8)
 
 
 def test_shards_of_own_light_last_as_many_times(state):

@@ -266,7 +266,6 @@ def test_what_hides_behind_the_front_is_of_the_layer_seen_nearest():
     assert back.rgba[12, 10:, 2] == pytest.approx(1)
 
 
-
 def test_layers_are_cut_at_edges_not_through_surfaces():
     x = np.mgrid[:60, :80][1]
     s = np.where(x < 40, -10.0, 6.0 + 0.01 * x)

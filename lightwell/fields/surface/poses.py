@@ -12,6 +12,7 @@ from lightwell.core.environment_text import ROTATED
 from lightwell.core.vary import parse_vary
 from lightwell.fields.protocol import Job, Role, State
 from lightwell.fields.surface.plan import RAYS
+from lightwell.fields.surface.roles import role_share
 from lightwell.fields.surface.tracing import VALIDATION_LIGHTS, VALIDATION_POINTS, validation_samples
 from lightwell.scenes.movers import Mover, pose_nodes, sobol_poses
 from lightwell.scenes.posing import posed, with_movers
@@ -118,8 +119,38 @@ def gather_in_time(
         each = timed(found)
         found = _bounded(gathered, seconds, each)
     count = len(traced_poses(request.quality, request.lights_per_shard, found, len(movers)))
-    state.job.progress.say(f"{names}: {count} poses, about {each * count:.0f} s of tracing")
+    state.job.progress.say(f"{names}: {count} poses, about {seconds_of_poses(state, found, each):.0f} s of tracing")
     return found, each
+
+
+def seconds_of_poses(state: State, gathered: int, each: float) -> float:
+    """Compute how long it takes to prepare all traced poses.
+
+    Args:
+        state: The prepared scene, with movers.
+        gathered: As for ``traced_poses``.
+        each: Seconds of a pose; 0: counts are fixed.
+
+    Returns:
+        Seconds.
+    """
+    request = state.job.request
+    return each * len(traced_poses(request.quality, request.lights_per_shard, gathered, len(state.scene.movers)))
+
+
+def seconds_for_others(state: State, role: Role, gathered: int, each: float) -> float:
+    """Compute the seconds of the first role that go into what the other roles use as well: poses are prepared once.
+
+    Args:
+        state: The prepared scene, with movers.
+        role: The first role.
+        gathered: As for ``traced_poses``.
+        each: Seconds of a pose; 0: counts are fixed.
+
+    Returns:
+        Seconds, which the others give it.
+    """
+    return (1 - role_share(role, state.roles)) * seconds_of_poses(state, gathered, each)
 
 
 def times_in_time(state: State, seconds: float, gathered: int, each: float) -> int:
@@ -139,9 +170,8 @@ def times_in_time(state: State, seconds: float, gathered: int, each: float) -> i
     """
     if tuple(state.roles) != ("static",) or each <= 0:
         return 1
-    request, movers = state.job.request, len(state.scene.movers)
-    count, times = len(traced_poses(request.quality, request.lights_per_shard, gathered, movers)), 1
-    while times < MOST_TIMES and 2 * times * each * count <= POSE_SHARE * seconds:
+    poses, times = seconds_of_poses(state, gathered, each), 1
+    while times < MOST_TIMES and 2 * times * poses <= POSE_SHARE * seconds:
         times *= 2
     return times
 

@@ -42,7 +42,7 @@ class TracedShards:
     report: PathReport
     """Path counts of all shards."""
     seconds_per_shard: float
-    """Seconds of the last shard; about 0 when it was on disk already."""
+    """Least seconds of a shard but the first, which pays for what is traced before it; about 0 when one was on disk."""
 
 
 def trace_shards(
@@ -68,19 +68,20 @@ def trace_shards(
     Returns:
         The samples and their cost.
     """
-    last, cost = perf_counter(), 0.0
+    last, costs = perf_counter(), list[float]()
 
     def ready(index: int, total: int) -> None:
-        nonlocal last, cost
+        nonlocal last
         now = perf_counter()
         cost, last = now - last, now
+        costs.append(cost)
         rate = shards.size * shards.paths / max(cost, 1e-9) / 1e6
         stage.move_to(index, "on disk" if cost < ON_DISK else f"{rate:.2f} M paths/s")
 
     report = generate(
         scene, variable, None, folder, count, shards.paths, shards.seed, ready, settings=shards, make=make
     )
-    return TracedShards(load_samples(folder, scene, shards=count), report, cost)
+    return TracedShards(load_samples(folder, scene, shards=count), report, min(costs[1:] or costs, default=0.0))
 
 
 def validation_samples(

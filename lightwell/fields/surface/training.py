@@ -17,9 +17,9 @@ from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_
 from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
-    FEWEST_SHARDS,
     RAYS,
     SHARED_TRACE_SHARE,
+    TIMED_SHARDS,
     LastPlan,
     SamplePlan,
     StartPlan,
@@ -33,7 +33,14 @@ from lightwell.fields.surface.plan import (
     save_plan,
     timed_step,
 )
-from lightwell.fields.surface.poses import gather_in_time, posed_maker, posed_validation, timed_pose, times_in_time
+from lightwell.fields.surface.poses import (
+    gather_in_time,
+    posed_maker,
+    posed_validation,
+    seconds_for_others,
+    timed_pose,
+    times_in_time,
+)
 from lightwell.fields.surface.roles import learning_time, looked_from, role_seconds
 from lightwell.fields.surface.tracing import TracedShards, path_rate, trace_shards, validation_samples
 from lightwell.networks.checkpoint import restore
@@ -119,22 +126,23 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     rate = path_rate(state.scene, state.variable, request.paths, request.seed, role == "static", not request.shards)
     begin, seconds = learning_time(state, role)
     gathered, each = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality]), 0.0
+    end = begin + seconds
     if state.scene.movers:
         prepare = partial(timed_pose, state, role, looked_from(state), _shards(state))
         gathered, each = gather_in_time(state, seconds, gathered, prepare)
+        end += seconds_for_others(state, role, gathered, each)
     times = times_in_time(state, seconds, gathered, each)
-    return StartPlan(begin + seconds, rate.short, gathered, rate.sustained, each * times, times)
+    return StartPlan(end, rate.short, gathered, rate.sustained, each * times, times)
 
 
 def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> SamplePlan:
-    """The number of shards; where it is not fixed, by the time of the second one."""
+    """The number of shards; where it is not fixed, by the time of the first ones."""
     request = state.job.request
     if request.shards:
         return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-    # The first one also pays for what is traced before it.
-    cost = _trace(state, role, "uniform", FEWEST_SHARDS, make, f"time {role}").seconds_per_shard
+    cost = _trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard
     # Adaptive shards are gathered as the others are.
     cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
     return plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
