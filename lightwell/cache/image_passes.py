@@ -16,6 +16,9 @@ from lightwell.cache.radiance_cache import RadianceCache
 
 # Smallest number of samples per pixel used for the limit of caustics.
 SPIKE_SAMPLES = 32
+# Passes of an image with a time limit are so many times larger while one takes less than this share of the time left:
+# samples of launches of 2^20 lanes cost a tenth less than those of 2^18 (zdm2, kenney-fps-level, recast-dungeon).
+LARGER, LARGE_SHARE = 4, 0.3
 
 
 def limit_caustics(cache: RadianceCache, samples: int) -> None:
@@ -29,6 +32,54 @@ def limit_caustics(cache: RadianceCache, samples: int) -> None:
     limited = samples > 0 and cap > 0
     most = cap * cache.predictor.scale.mean * max(samples, SPIKE_SAMPLES) if limited else 3e38
     cache.region.context.spike = dr.opaque(mi.Float, most)
+
+
+class TimeLimit:
+    """Sizes of the passes of an image with a time limit, and when there is no time for another."""
+
+    def __init__(self, per_pass: int, end: float) -> None:
+        """Know no pass yet.
+
+        Args:
+            per_pass: Samples per pixel of a small pass.
+            end: Time at which the image should be finished, of ``time.perf_counter``.
+        """
+        self.per_pass, self.end = per_pass, end
+        self.longest = 0.0
+        """Most seconds of a sample per pixel so far."""
+        self.sizes: set[int] = set()
+        """Samples per pixel of the passes so far."""
+
+    def block(self, now: float, small: bool) -> int:
+        """Choose the size of the next pass.
+
+        Args:
+            now: Current time.
+            small: Whether it must be a small one.
+
+        Returns:
+            Samples per pixel.
+        """
+        large = LARGER * self.per_pass
+        fits = 0 < self.longest * large < LARGE_SHARE * (self.end - now)
+        return large if fits and not small else self.per_pass
+
+    def ends(self, block: int, start: float, now: float) -> bool:
+        """Take note of a pass.
+
+        Args:
+            block: Its samples per pixel.
+            start: Time at which it began.
+            now: Current time.
+
+        Returns:
+            Whether there is no time for another small pass.
+        """
+        # The first pass of a size may compile kernels.
+        if block in self.sizes:
+            self.longest = max(self.longest, (now - start) / block)
+        self.sizes.add(block)
+        return now + self.longest * self.per_pass > self.end
 
 
 class ImagePasses:
@@ -60,10 +111,10 @@ class ImagePasses:
         two_level = estimator == "two-level" and image.caching
         per_pass, trains = self._per_pass(), not image.still and self.learns
         done, aside = self._trial() if has_trial(image) else (self._pilot(per_pass), 0)
-        longest = 0.0
+        limit = TimeLimit(per_pass, image.began + self.settings.image.seconds)
         while done < image.spp or self.timed:
             start = time.perf_counter()
-            block = per_pass if self.timed else min(per_pass, image.spp - done)
+            block = limit.block(start, trains) if self.timed else min(per_pass, image.spp - done)
             trained = self._train() if trains and not image.cache.frozen else None
             self._add(done, block, "biased" if two_level else estimator)
             done += block
@@ -73,8 +124,7 @@ class ImagePasses:
             if self.timed:
                 dr.eval()
                 dr.sync_thread()
-                longest = max(longest, time.perf_counter() - start) if done > block else 0.0
-                if time.perf_counter() - image.began + longest > self.settings.image.seconds:
+                if limit.ends(block, start, time.perf_counter()):
                     break
         image.rendered.samples = done + aside
         image.rendered.half = self._kept_half(done)
