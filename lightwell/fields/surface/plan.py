@@ -36,8 +36,8 @@ FEWEST_GATHERED, MOST_GATHERED = 1, 16
 FIRST_STEPS_SHARE = 0.4
 # A fit on fewer shards or steps than this is not worth starting.
 FEWEST_SHARDS, FEWEST_STEPS = 2, 100
-# Shards that are traced to time one: after the first, which also pays for what is traced before it, the faster of two, so
-# that a pause of the machine does not count.
+# Shards that are traced to time one: after the first, which also pays for what is traced before it, the faster of two,
+# so that a pause of the machine does not count.
 TIMED_SHARDS = 3
 # Steps that compile kernels, then steps of short and long runs that are timed, and pairs of them.
 WARM_UP_STEPS, TIMED_RUNS, TIMED_PAIRS = 5, (5, 25), 3
