@@ -17,7 +17,7 @@ from lightwell.cache.radiance_cache import RadianceCache
 # Smallest number of samples per pixel used for the limit of caustics.
 SPIKE_SAMPLES = 32
 # Passes of an image with a time limit are so many times larger while one takes less than this share of the time left:
-# samples of launches of 2^20 lanes cost a tenth less than those of 2^18 (zdm2, kenney-fps-level, recast-dungeon).
+# samples of launches of 2^20 lanes cost 5 to 10 % less than those of 2^18 (zdm2, kenney-fps-level, recast-dungeon).
 LARGER, LARGE_SHARE = 4, 0.3
 
 

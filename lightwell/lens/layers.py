@@ -40,7 +40,7 @@ class Layer:
 
 
 def lit(rgba: np.ndarray) -> np.ndarray:
-    """Find the pixels that have light or coverage; channel by channel, which takes a fifth of the time of ``any``.
+    """Find the pixels that have light or coverage; channel by channel, which is faster than ``any`` over four values.
 
     Args:
         rgba: Light [..., 4], premultiplied.
