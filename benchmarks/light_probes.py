@@ -28,26 +28,37 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
 from leak_scenes import SCENES, LeakScene
 from probe_trial import BUDGET, Queries, mean, queries, trial
 from rows import Row, at_least, at_most, chosen, of_gpu, publish, without_bar
+from zoo_scenes import scenes as zoo_scenes
 
 from lightwell.probes.metrics import Scores, score
 from lightwell.probes.samples import ProbeSampling
 
 ROOT = Path(__file__).resolve().parents[1]
-GIVEN = ROOT.parent / "shared" / "scenes"
-# Given scenes: file, spacing in metres.
-FILES = {
-    "zdm2": (GIVEN / "gltf/zdm2", 4.0),
-    "godot-room": (GIVEN / "gltf/godot-room", 1.5),
-    "veach-ajar": (GIVEN / "mitsuba/veach-ajar/scene_mi3.xml", 1.0),
-}
+# Scenes of files whose leaks are measured: spacing in metres.
+FILES = {"zdm2": 4.0, "godot-room": 1.5, "veach-ajar": 1.0}
 OFFSETS, SEED = 8, 1
 # Trials that were run, by what they depend on: a benchmark that is stopped goes on where it was.
 TRIALS = ROOT / "out/light_probes"
 # Offsets on which the network without a lattice is trained, and its steps.
 NET_OFFSETS, NET_STEPS = 1, 1500
 LAMPS = "-lamps"
-# Scenes in which the feature volume is compared with probes, and the end of the names of these parts.
-COMPARED, VOLUME = ("s1-5", "s2", "s3", "s5", "two-rooms"), "-volume"
+# Scenes in which the feature volume is compared with probes, and the end of the names of these parts. Scenes of files
+# have their probes as far apart as a bake's.
+OF_FILES = (
+    "bevy-cornell",
+    "drake-living-room",
+    "godot-living-room",
+    "godot-room",
+    "kenney-fps-level",
+    "living-room-2",
+    "needle-lightmap-house",
+    "pyraxia-hallway",
+    "recast-dungeon",
+    "staircase2",
+    "veach-ajar",
+    "zdm2",
+)
+COMPARED, VOLUME = ("s1-5", "s2", "s3", "s5", "two-rooms", *OF_FILES), "-volume"
 # Modules that no trial asks.
 UNASKED = ("generator", "file", "keep", "page", "lower", "code", "mlp", "product", "refine")
 
@@ -69,11 +80,9 @@ def _leak_scene(name: str) -> tuple[LeakScene, bool] | None:
 
     source = "two-rooms"
     if name != source:
-        path = FILES[name][0]
-        found = [path] if path.is_file() else sorted([*path.glob("*.glb"), *path.glob("*.gltf")])
-        if not found:
+        source = zoo_scenes().get(name, "")
+        if not source:
             return None
-        source = str(found[0])
     scene, direct = load(source), True
     if not scene.has_static_light:
         if name == "two-rooms":
@@ -85,7 +94,7 @@ def _leak_scene(name: str) -> tuple[LeakScene, bool] | None:
             scene, direct = with_lamp(scene, initial_light(scene, variable, scene.cameras[0])), False
     free_air(scene)
     side = (lambda x: (x[:, 0] > 0).astype(int)) if name == "two-rooms" else (lambda x: np.zeros(len(x), int))
-    return LeakScene(name, scene, side, scene.bounds), direct
+    return LeakScene(name, scene, side, tuple(scene.core)), direct
 
 
 def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
@@ -94,7 +103,7 @@ def scene_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     if found is None:
         return [at_most(f"{name}: sMAPE over trilinear's", 0.5, None, "ratio", "the scene is not on this machine")]
     made, direct = found
-    spacing, large = FILES[name][1] if name in FILES else 1.0, name in FILES
+    spacing, large = FILES[name] if name in FILES else 1.0, name in FILES
     # The reference is the dearest part: its noise must stay well below what is told apart. Scenes from files are
     # larger: fewer paths and bricks.
     asked = _queries(name, made, 200 if quick else 3000, 64 if quick else 4096 if large else 8192, direct, quick)
@@ -370,10 +379,17 @@ def rebake_time(quick: bool) -> list[Row]:
 
 def volume_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     """The feature volume against probes with bricks in one scene."""
-    from probe_volume import rows_of
+    from probe_volume import SPACING, rows_of
 
-    made, direct = _leak_scene(name.removesuffix(VOLUME))
-    return rows_of(made.name, made, direct, quick, min(offsets, 2))
+    from lightwell.fields.probes.fit import ALONG
+
+    base = name.removesuffix(VOLUME)
+    found = _leak_scene(base)
+    if found is None:
+        return []
+    made, direct = found
+    spacing = float(np.ptp(made.scene.core, axis=0).max()) / ALONG if base in OF_FILES else SPACING
+    return rows_of(made.name, made, direct, spacing, quick, min(offsets, 1 if base in OF_FILES else 2))
 
 
 PARTS = {"browser": browser, "time": query_time, "memory": memory, "weights": weight_time, "rebake": rebake_time}

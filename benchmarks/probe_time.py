@@ -10,6 +10,7 @@ import probe_device as device
 from lightwell.backend import dr, mi
 from lightwell.probes import ddgi
 from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.sheets import Sheets
 from lightwell.probes.volume import OPEN, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
@@ -56,4 +57,5 @@ def _volume(function: str, lattice: ProbeLattice, light: np.ndarray, rng, state:
         np.full(count, 0xFFFFFFFFFFFFFFFF, np.uint64),
         np.zeros((lattice.cell_count, 8), np.int32),
         light,
+        Sheets.none(lattice.cell_count),
     )

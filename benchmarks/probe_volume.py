@@ -26,14 +26,14 @@ SPACING = 1.0
 TRIES, ENOUGH = 4, 0.85
 
 
-def volume_of(scene, lit: SolvedVolume, most: float, offset) -> FeatureVolume:
+def volume_of(scene, lit: SolvedVolume, apart: float, most: float, offset) -> FeatureVolume:
     """A volume of the samples of ``lit`` of at most ``most`` bytes, and nearly as many."""
     light = np.concatenate([lit.samples.light, lit.start])
     place = np.concatenate([lit.samples.place, origins(lit.geometry)[0]])
     rows = SolveRows(place, np.zeros_like(place), light)
-    spacing, found = SPACING / 2, None
+    spacing, found = apart / 2, None
     for _ in range(TRIES):
-        grid, _ = split_grid(scene, ProbeLattice.around(scene.bounds, spacing, offset))
+        grid, _ = split_grid(scene, ProbeLattice.around(scene.core, spacing, offset))
         volume = fit_volume(grid, rows, FEATURES)
         size = sum(volume.bytes.values())
         # Of those that fit, the largest one.
@@ -51,16 +51,18 @@ def asked_volume(volume: FeatureVolume, asked: Queries) -> np.ndarray:
     return asked_of(lambda v, x, n: query(v, x, n), volume, asked)
 
 
-def trial(made, asked: Queries, direct: bool, offset, seed: int, quick: bool) -> tuple[dict[str, Scores], dict]:
+def trial(
+    made, asked: Queries, direct: bool, apart: float, offset, seed: int, quick: bool
+) -> tuple[dict[str, Scores], dict]:
     """Scores of probes with bricks, the volume, trilinear weights and line of sight; and bytes."""
     scene = made.scene
     effort = ProbeSampling(8, 16, 32, direct, 1) if quick else ProbeSampling(32, 128, 1024, direct, 8)
-    lattice = ProbeLattice.around(scene.bounds, SPACING, offset)
-    geometry = bake_geometry(scene, SPACING, "relu-field", lattice=lattice)
+    lattice = ProbeLattice.around(scene.core, apart, offset)
+    geometry = bake_geometry(scene, apart, "relu-field", lattice=lattice)
     support = geometry.support
     every = traced(scene, geometry, np.arange(len(lattice)), effort, seed) * support.stands[:, None, None]
     lit = refined(scene, light_volume(scene, geometry, effort, seed), BUDGET)
-    volume = volume_of(scene, lit, total_bytes(lit.volume), offset)
+    volume = volume_of(scene, lit, apart, total_bytes(lit.volume), offset)
     ask = lambda v: asked_of(lambda w, x, n: query_probes(w, x, n)[0], v, asked)  # noqa: E731
     answers = {
         "ours": ask(lit.volume),
@@ -68,17 +70,17 @@ def trial(made, asked: Queries, direct: bool, offset, seed: int, quick: bool) ->
         "trilinear": ask(plain(support, False).lit(every)),
         "line of sight": line_of_sight_of(scene, support, every, asked),
     }
-    region = np.where(asked.near < 0.5 * SPACING, asked.region, -1)
+    region = np.where(asked.near < 0.5 * apart, asked.region, -1)
     size = {"ours": total_bytes(lit.volume), "volume": sum(volume.bytes.values())}
     size |= {"spacing": volume.grid.lattice.spacing}
     return {name: score(asked.truth, found, region) for name, found in answers.items()}, size
 
 
-def rows_of(label: str, made, direct: bool, quick: bool, offsets: int) -> list[Row]:
+def rows_of(label: str, made, direct: bool, apart: float, quick: bool, offsets: int) -> list[Row]:
     """Rows of one scene over some lattice offsets."""
     asked = queries(made, 100 if quick else COUNT, 16 if quick else PATHS, direct=direct)
     rng = np.random.default_rng(SEED)
-    trials, sizes = zip(*(trial(made, asked, direct, rng.random(3), k, quick) for k in range(offsets)))
+    trials, sizes = zip(*(trial(made, asked, direct, apart, rng.random(3), k, quick) for k in range(offsets)))
     of = lambda name, measure: mean([t[name] for t in trials], measure)  # noqa: E731
     size = {name: float(np.mean([s[name] for s in sizes])) for name in sizes[0]}
     note = (

@@ -124,18 +124,26 @@ def learned(volume: ProbeVolume) -> Query:
     alive = volume.fallback >= 0
     back = np.where(alive, volume.fallback, 0)
     backs, known = _table(back.astype(np.uint32), mi.UInt32), mi.Bool(alive.ravel())
-    rho, bricks = _rho(volume), volume.bricks
+    rho, bricks, sheets = _rho(volume), volume.bricks, volume.sheets
+    # Number 0 is no sheet: all corners count.
+    planes = _table(np.concatenate([np.zeros((1, 4)), sheets.plane]).astype(np.float32))
+    corners = _table(np.concatenate([[0xFFFF], sheets.corners]).astype(np.uint32), mi.UInt32)
+    of_cell = _table((sheets.row + 1).astype(np.uint32), mi.UInt32)
     if bricks is not None:
+        of_fine = _table((bricks.sheet + 1).astype(np.uint32), mi.UInt32)
         owner, fine_nodes = _table((bricks.cell + 1).astype(np.uint32), mi.UInt32), _table(bricks.table, mi.UInt32)
         inner = mi.Float(np.concatenate([np.zeros(len(lattice), np.float32), bricks.inner]))
 
-    def summed(cell, within, of):
+    def summed(cell, within, of, sheet):
         total, z = light.zero(), mi.Float(0)
-        for corner in CORNERS:
+        plane = dr.gather(mi.Vector4f, planes, sheet, within)
+        over = dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), mi.Vector3f(*cell.f)) + plane.w > 0
+        counted = dr.gather(mi.UInt32, corners, sheet, within) >> dr.select(over, mi.UInt32(8), 0)
+        for k, corner in enumerate(CORNERS):
             node, hat, u = cell.corner(corner)
             node = of(node)
             row = dr.gather(mi.UInt32, records, node, within)
-            asked = (hat > 0) & (row > 0) & within
+            asked = (hat > 0) & (row > 0) & within & ((counted >> k) & 1 == 1)
             octant = mi.UInt32(0)
             for value, stride in zip(u, (1, 4, 16)):
                 octant += dr.minimum(mi.UInt32(2 * value + 2), 3) * stride
@@ -149,7 +157,10 @@ def learned(volume: ProbeVolume) -> Query:
         number = dr.gather(mi.UInt32, owner, cell.number())
         within, fine = number > 0, cell.brick(dr.select(number > 0, number - 1, 0))
         of = lambda row: dr.gather(mi.UInt32, fine_nodes, row, within)  # noqa: E731
-        more, share = summed(fine, within, of)
+        x, y, z_ = fine.low
+        first = dr.select(within, number - 1, 0) * FINE**3
+        sheet = dr.gather(mi.UInt32, of_fine, first + (z_ * FINE + y) * FINE + x, within)
+        more, share = summed(fine, within, of, sheet)
         m, t = mi.Float(0), dr.clip(share * (1 / TAKES_OVER), 0, 1)
         for corner in CORNERS:
             row, hat, _ = fine.corner(corner)
@@ -160,7 +171,8 @@ def learned(volume: ProbeVolume) -> Query:
     def query(x, n):
         y = x + n * (volume.offset * lattice.spacing)
         cell = _Cell(lattice, y)
-        total, z = summed(cell, mi.Bool(True), lambda node: node)
+        sheet = dr.gather(mi.UInt32, of_cell, cell.number())
+        total, z = summed(cell, mi.Bool(True), lambda node: node, sheet)
         if bricks is not None:
             total, z = blended(cell, total, z)
         delta = FALLBACK * dr.maximum(1 - z, 0)

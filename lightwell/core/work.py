@@ -34,7 +34,7 @@ WALL = "wall"
 # Settings that do not change what is computed, so that a resumed bake may differ in them.
 _FREE = ("out", "force", "resume", "keep", "views", "view_size", "scene", "fields", "limits", "allow_paths", *CLUSTER)
 # Version of the entries of a bake; their keys also hold that of lightwell.
-_VERSION = 5
+_VERSION = 6
 
 
 class WorkSettings(Protocol):

@@ -7,13 +7,15 @@ the lattice, C cells; Q points of a cube and X places at surfaces of a cell, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from lightwell.probes.bricks import brick_cells, fine_lattice
 from lightwell.probes.lattice import CORNERS, hat
 from lightwell.probes.pattern import octants
+from lightwell.probes.sheets import Sheets, cut_off
 from lightwell.probes.support import Support, cube_near, cube_valid
 from lightwell.probes.volume import ALL_OCTANTS, DROPPED, OPEN, WEIGHTED, Bricks, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS, Close, Fit, point_weight
@@ -35,6 +37,8 @@ class BrickLevel:
     """[n] indices in the lattice, in the order of the probes."""
     target: np.ndarray
     """[n, Q + 8 X] float16 trust in [0, 1]: at the points of the cube, then at its places at surfaces."""
+    sheets: Sheets
+    """Planes of thin walls in the cells."""
 
     @property
     def points(self) -> int:
@@ -69,8 +73,9 @@ def states(level: BrickLevel, rows: np.ndarray) -> np.ndarray:
         part = rows[start : start + BATCH]
         nodes, target = level.nodes[part], level.target[part]
         asked = np.concatenate([cube_valid(level.support, nodes), cube_near(level.support, nodes)[1] >= 0], axis=1)
+        asked &= ~cut_off(level.sheets, level.support, nodes)
         useful = level.support.alive[nodes] & (target > 0).any(axis=1)
-        # Points inside geometry are never queried; any ρ is right there.
+        # Points inside geometry are never queried, and sheets cut off others: any ρ is right there.
         open_ = useful & ((target >= 1 - OPEN_TOLERANCE) | ~asked).all(axis=1)
         out[start : start + BATCH] = np.where(open_, OPEN, np.where(useful, WEIGHTED, DROPPED))
     return out
@@ -116,7 +121,8 @@ def close_points(level: BrickLevel, rows: np.ndarray) -> Close:
     """
     u, source = cube_near(level.support, level.nodes[rows])
     target = level.target[rows, level.points :].astype(np.float32)
-    return Close(u, target, point_weight(target, hat(u), target >= 0) * (source >= 0))
+    off = cut_off(level.sheets, level.support, level.nodes[rows])[:, level.points :]
+    return Close(u, target, point_weight(target, hat(u), target >= 0, off) * (source >= 0))
 
 
 def fitted(level: BrickLevel, rows: np.ndarray, function: str, fit: Fit | None = None) -> np.ndarray:
@@ -136,7 +142,8 @@ def fitted(level: BrickLevel, rows: np.ndarray, function: str, fit: Fit | None =
     for start in range(0, len(rows), BATCH):
         part = rows[start : start + BATCH]
         target = level.target[part, : level.points].astype(np.float32)
-        weight = point_weight(target, level.support.pattern.hat, cube_valid(level.support, level.nodes[part]))
+        off = cut_off(level.sheets, level.support, level.nodes[part])[:, : level.points]
+        weight = point_weight(target, level.support.pattern.hat, cube_valid(level.support, level.nodes[part]), off)
         # Many small products: BLAS threads would be slower.
         with threadpool_limits(1, "blas"):
             found = (fit or f.fit)(target, weight, level.support.pattern, close_points(level, part))
@@ -186,7 +193,7 @@ def assemble(
     function: str,
     found: ProbeRecords,
     fallback: np.ndarray,
-    fine: tuple[ProbeRecords, Bricks] | None = None,
+    fine: tuple[BrickLevel, ProbeRecords, Bricks] | None = None,
 ) -> ProbeVolume:
     """Build a volume without light from the records of its nodes.
 
@@ -195,12 +202,15 @@ def assemble(
         function: Name of the weight function.
         found: Records of the lattice's nodes.
         fallback: [C, 8] int32 fallback probes of all cells.
-        fine: Records of the fine probes and the tables of the bricks; None without bricks.
+        fine: Level and records of the fine probes, and the tables of the bricks; None without bricks.
 
     Returns:
         The volume; its light is 0.
     """
-    parts = [found] if fine is None else [found, fine[0]]
+    parts = [found] if fine is None else [found, fine[1]]
+    sheets, bricks = coarse.sheets, None
+    if fine is not None:
+        sheets, bricks = _with_fine(coarse, fine[0], fine[2])
     state = np.concatenate([part.state for part in parts])
     row = np.where(state == WEIGHTED, np.cumsum(state == WEIGHTED) - 1, -1).astype(np.int32)
     return ProbeVolume(
@@ -212,8 +222,22 @@ def assemble(
         octant=np.concatenate([part.octant for part in parts]),
         fallback=fallback,
         light=np.zeros((len(state), 9, 3), np.float32),
-        bricks=None if fine is None else fine[1],
+        bricks=bricks,
+        sheets=sheets,
     )
+
+
+def _with_fine(coarse: BrickLevel, fine: BrickLevel, bricks: Bricks) -> tuple[Sheets, Bricks]:
+    """The planes of the lattice followed by those of the fine cells, and the bricks with the rows of theirs."""
+    lattice, count = coarse.support.lattice, len(coarse.sheets.plane)
+    chosen = np.flatnonzero(bricks.cell >= 0)
+    row = fine.sheets.row[fine_lattice(lattice).cell_number(brick_cells(lattice, chosen))]
+    used = row >= 0
+    # In the order of the bricks, as files have them.
+    number = np.where(used, count + np.cumsum(used).reshape(row.shape) - 1, -1).astype(np.int32)
+    plane = np.concatenate([coarse.sheets.plane, fine.sheets.plane[row[used]]])
+    corners = np.concatenate([coarse.sheets.corners, fine.sheets.corners[row[used]]])
+    return Sheets(coarse.sheets.row, plane, corners), replace(bricks, sheet=number)
 
 
 def plain(support: Support, valid_only: bool) -> ProbeVolume:
@@ -237,4 +261,5 @@ def plain(support: Support, valid_only: bool) -> ProbeVolume:
         octant=np.full(0, ALL_OCTANTS, np.uint64),
         fallback=np.full((support.lattice.cell_count, 8), -1, np.int32),
         light=np.zeros((count, 9, 3), np.float32),
+        sheets=Sheets.none(support.lattice.cell_count),
     )

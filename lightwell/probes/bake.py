@@ -13,6 +13,7 @@ from lightwell.probes.assemble import BrickLevel, ProbeRecords, assemble, record
 from lightwell.probes.fallbacks import ROUNDS, around, fallbacks, nearest_probes
 from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.pattern import pattern
+from lightwell.probes.sheets import changed_nodes, find_sheets
 from lightwell.probes.support import Support, bake_support, touched, trust, update
 from lightwell.probes.volume import Bricks, ProbeVolume
 from lightwell.probes.weights import Fit
@@ -81,7 +82,7 @@ def bake_geometry(
     support = bake_support(scene, lattice)
     clock.append(perf_counter())
     nodes = np.arange(len(lattice))
-    level = BrickLevel(support, nodes, trust(scene, support, nodes))
+    level = _level(scene, support, nodes)
     clock.append(perf_counter())
     found = records(level, function, fit)
     cells = np.arange(lattice.cell_count)
@@ -90,6 +91,12 @@ def bake_geometry(
     clock.append(perf_counter())
     names = ("rays", "trust", "fit")
     return Geometry(volume, (level,), (found,), first, dict(zip(names, np.diff(clock).tolist())))
+
+
+def _level(scene: Scene, support: Support, nodes: np.ndarray) -> BrickLevel:
+    """Trust and sheets of some nodes."""
+    target = trust(scene, support, nodes)
+    return BrickLevel(support, nodes, target, find_sheets(scene, support, nodes, target))
 
 
 def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit: Fit | None = None) -> Geometry:
@@ -111,9 +118,9 @@ def with_bricks(scene: Scene, geometry: Geometry, chosen: np.ndarray, fit: Fit |
     cells = bricks.fine_cells(volume.lattice, chosen)
     lattice = bricks.fine_lattice(volume.lattice)
     support = bake_support(scene, lattice, pattern(bricks.FINE_POINTS), cells, nodes)
-    level = BrickLevel(support, nodes, trust(scene, support, nodes))
+    level = _level(scene, support, nodes)
     found = records(level, volume.function, fit)
-    made = assemble(coarse, volume.function, geometry.records[0], volume.fallback, (found, table))
+    made = assemble(coarse, volume.function, geometry.records[0], volume.fallback, (level, found, table))
     seconds = geometry.seconds | {"bricks": perf_counter() - clock}
     return Geometry(made, (coarse, level), (geometry.records[0], found), geometry.first, seconds)
 
@@ -149,7 +156,8 @@ def rebake(scene: Scene, before: Geometry, box: np.ndarray, fit: Fit | None = No
     fallback = volume.fallback.copy()
     fallback[wide] = fallbacks(coarse, found[0].state, first, wide)
     table: Bricks | None = volume.bricks
-    whole = assemble(coarse, volume.function, found[0], fallback, (found[1], table) if table is not None else None)
+    fine = None if table is None else (levels[1], found[1], table)
+    whole = assemble(coarse, volume.function, found[0], fallback, fine)
     whole = replace(whole, light=np.where(whole.alive[:, None, None], volume.light, 0), offset=volume.offset)
     again = np.concatenate([r + (len(volume.lattice) if k else 0) for k, r in enumerate(rows)])
     return Geometry(whole, tuple(levels), tuple(found), first, {"rebake": perf_counter() - clock}), again
@@ -165,7 +173,11 @@ def _again(scene: Scene, level: BrickLevel, box: np.ndarray) -> tuple[BrickLevel
     target = level.target.copy()
     if len(rows):
         target[rows] = trust(scene, support, level.nodes[rows])
-    return BrickLevel(support, level.nodes, target), rows
+    sheets = find_sheets(scene, support, level.nodes, target, near, level.sheets)
+    # A record depends on the sheets of its cube as well.
+    others = np.isin(level.nodes, changed_nodes(support.lattice, level.sheets, sheets))
+    rows = np.union1d(rows, np.flatnonzero(others))
+    return BrickLevel(support, level.nodes, target, sheets), rows
 
 
 def _cells_of(lattice: ProbeLattice, nodes: np.ndarray) -> np.ndarray:

@@ -29,6 +29,19 @@ def fine_lattice(lattice: ProbeLattice) -> ProbeLattice:
     return ProbeLattice(lattice.origin, lattice.spacing / FINE, tuple(FINE * (n - 1) + 1 for n in lattice.shape))
 
 
+def brick_cells(lattice: ProbeLattice, chosen: np.ndarray) -> np.ndarray:
+    """Return the coordinates of the fine cells of some bricks.
+
+    Args:
+        lattice: The coarse lattice.
+        chosen: [B] indices of its cells.
+
+    Returns:
+        [B, 27, 3] int64 coordinates in the fine lattice, x fastest.
+    """
+    return FINE * lattice.cell_corner(chosen)[:, None] + _grid((FINE,) * 3)
+
+
 def fine_cells(lattice: ProbeLattice, chosen: np.ndarray) -> np.ndarray:
     """Return the fine cells inside some cells.
 
@@ -39,8 +52,7 @@ def fine_cells(lattice: ProbeLattice, chosen: np.ndarray) -> np.ndarray:
     Returns:
         [27 B] sorted indices in the fine lattice.
     """
-    at = FINE * lattice.cell_corner(chosen)[:, None] + _grid((FINE,) * 3)
-    return np.sort(fine_lattice(lattice).cell_number(at).ravel())
+    return np.sort(fine_lattice(lattice).cell_number(brick_cells(lattice, chosen)).ravel())
 
 
 def layout(lattice: ProbeLattice, chosen: np.ndarray) -> tuple[np.ndarray, Bricks]:
@@ -51,7 +63,7 @@ def layout(lattice: ProbeLattice, chosen: np.ndarray) -> tuple[np.ndarray, Brick
         chosen: [B] sorted indices of the cells with a brick.
 
     Returns:
-        [F] sorted indices of the fine nodes in the fine lattice, and the tables of the bricks.
+        [F] sorted indices of the fine nodes in the fine lattice, and the tables of the bricks, without sheets.
     """
     fine = fine_lattice(lattice)
     node = fine.node_number(FINE * lattice.cell_corner(chosen)[:, None] + _grid((FINE + 1,) * 3))
@@ -62,7 +74,8 @@ def layout(lattice: ProbeLattice, chosen: np.ndarray) -> tuple[np.ndarray, Brick
     covered[fine_cells(lattice, chosen)] = True
     near = fine.node_cells(nodes)
     inner = (covered[np.maximum(near, 0)] & (near >= 0)).all(axis=1)
-    return nodes, Bricks(cell, (len(lattice) + table.reshape(node.shape)).astype(np.int32), inner)
+    none = np.full((len(chosen), FINE**3), -1, np.int32)
+    return nodes, Bricks(cell, (len(lattice) + table.reshape(node.shape)).astype(np.int32), inner, none)
 
 
 def worst(error: np.ndarray, bright: np.ndarray, cell: np.ndarray, live: int, budget: float = BUDGET) -> np.ndarray:

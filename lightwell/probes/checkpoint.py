@@ -20,12 +20,13 @@ from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.light import SolvedVolume
 from lightwell.probes.pattern import POINTS, Pattern, pattern
 from lightwell.probes.samples import ProbeSampling
+from lightwell.probes.sheets import Sheets
 from lightwell.probes.solve import Solution, SolveRows
 from lightwell.probes.support import CLOSE, Support
 from lightwell.probes.volume import WEIGHTED, Bricks
 from lightwell.probes.weights import FUNCTIONS
 
-VERSION = 4
+VERSION = 5
 _SUPPORT = {"slot": "i4", "near": "f4", "source": "i4", "origin": "f4", "alive": "?"}
 _ROWS = {"place": "f4", "normal": "f4", "light": "f4", "cell": "i8", "noise": "f8"}
 
@@ -47,6 +48,7 @@ def state_arrays(lit: SolvedVolume, facts: dict[str, Any], more: dict[str, np.nd
         arrays |= {f"{k}.{name}": getattr(s, name) for name in _SUPPORT}
         arrays |= {f"{k}.valid": np.packbits(s.valid, axis=1), f"{k}.free": np.packbits(s.free, axis=1)}
         arrays |= {f"{k}.nodes": level.nodes, f"{k}.target": level.target}
+        arrays |= {f"{k}.sheets.{name}": getattr(level.sheets, name) for name in ("row", "plane", "corners")}
         arrays |= {f"{k}.state": found.state, f"{k}.params": found.params, f"{k}.octant": found.octant}
     volume = lit.geometry.volume
     arrays |= {"first": lit.geometry.first, "fallback": volume.fallback, "start": lit.start, "number": lit.number}
@@ -109,7 +111,8 @@ def _read(head: dict[str, Any], arrays: dict[str, np.ndarray]) -> SolvedVolume:
     _check(kept is None or (kept.table.max() < count and len(kept.inner) == count - len(lattice)), "bricks")
     first, fallback = (_array(arrays, n, "i4", (lattice.cell_count, 8)) for n in ("first", "fallback"))
     _check(all(a.min() >= -1 and a.max() < len(lattice) for a in (first, fallback)), "fallbacks")
-    volume = assemble(levels[0], head["function"], found[0], fallback, None if kept is None else (found[1], kept))
+    fine = None if kept is None else (levels[1], found[1], kept)
+    volume = assemble(levels[0], head["function"], found[0], fallback, fine)
     geometry = Geometry(volume, tuple(levels), tuple(found), first, {})
     return _lit(head, arrays, geometry, count)
 
@@ -150,7 +153,16 @@ def _level(arrays: dict[str, Any], lattice: ProbeLattice, layout: Pattern) -> Br
     support = Support(lattice, layout, slot, valid, free, **parts)
     chosen = _array(arrays, "nodes", "i8", (None,))
     _check(len(chosen) > 0 and chosen.min() >= 0 and chosen.max() < nodes, "nodes")
-    return BrickLevel(support, chosen, _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE)))
+    target = _array(arrays, "target", "f2", (len(chosen), len(layout.u) + 8 * CLOSE))
+    return BrickLevel(support, chosen, target, _sheets(under("sheets", arrays), slot))
+
+
+def _sheets(arrays: dict[str, Any], slot: np.ndarray) -> Sheets:
+    row = _array(arrays, "row", "i4", slot.shape)
+    used = row >= 0
+    count = int(used.sum())
+    _check(np.array_equal(row[used], np.arange(count)) and bool((slot[used] >= 0).all()), "cells of sheets")
+    return Sheets(row, _array(arrays, "plane", "f4", (count, 4)), _array(arrays, "corners", "u2", (count,)))
 
 
 def _records(arrays: dict[str, Any], nodes: int, parameters: int) -> ProbeRecords:
@@ -167,7 +179,8 @@ def _bricks(arrays: dict[str, Any], lattice: ProbeLattice) -> Bricks | None:
     cell = _array(arrays, "bricks.cell", "i4", (lattice.cell_count,))
     table = _array(arrays, "bricks.table", "i4", (None, 64))
     _check(-1 <= cell.min() and cell.max() < len(table) and table.min() >= len(lattice), "bricks")
-    return Bricks(cell, table, _array(arrays, "bricks.inner", "?", (None,)))
+    none = np.full((len(table), bricks.FINE**3), -1, np.int32)
+    return Bricks(cell, table, _array(arrays, "bricks.inner", "?", (None,)), none)
 
 
 def _array(arrays: dict[str, Any], name: str, kind: str, shape: tuple[Any, ...], cast: bool = False) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Reads and writes probe volumes as files (``format/PROBES.md``).
 
-A line of JSON, then sections: states of nodes, octants, weights, harmonics, cells, fallbacks, bricks; only nodes
-and cells that need a record have one. Readers do not trust the file: sizes, numbers and indices are checked before
-use.
+A line of JSON, then sections: states of nodes, octants, weights, harmonics, cells, fallbacks, bricks, sheets; only
+nodes and cells that need a record have one. Readers do not trust the file: sizes, numbers and indices are checked
+before use.
 """
 
 from __future__ import annotations
@@ -23,20 +23,27 @@ from lightwell.probes.ddgi import Moments
 from lightwell.probes.file_baselines import MOMENTS, moment_rows, read_moments
 from lightwell.probes.file_tables import (
     BRICK,
+    CUT,
+    DOUBT,
     KIND,
+    SHEET,
     decode_bricks,
     decode_fallbacks,
     decode_kinds,
+    decode_sheets,
     encode_bricks,
     encode_fallbacks,
     encode_kinds,
+    encode_sheets,
 )
 from lightwell.probes.file_weights import decode_weights, encode_weights, words_of
 from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.volume import DROPPED, LIGHT_BYTES, WEIGHTED, ProbeVolume
 from lightwell.probes.weights import FUNCTIONS
 
-MAGIC, VERSION = b"LWPROBES", 3
+MAGIC, VERSION = b"LWPROBES", 4
+# Versions that are read. Files of version 3 have no sheets.
+READ = (3, 4)
 MOST_HEADER, MOST_BYTES = 1 << 16, 1 << 30
 # Words of a probe's light by coding. Records of weights: see ``file_weights``; tables: see ``file_tables``.
 LIGHT = {coding: size // 4 for coding, size in LIGHT_BYTES.items()}
@@ -125,6 +132,7 @@ def _sections(volume: ProbeVolume, coding: str, unit: float, baselines: Moments 
         "cells": cells[0],
         "fallbacks": cells[1],
         "bricks": encode_bricks(volume),
+        "sheets": encode_sheets(volume),
     }
     if baselines is not None:
         sections |= {"traced": _light(baselines.light / unit, coding), "moments": moment_rows(baselines)}
@@ -191,18 +199,25 @@ def _decode_volume(data: bytes, name: str, limits: Limits) -> ProbeVolume:
     take = lambda section, width, kind="<u4": _section(header, words, section, width, name, kind)  # noqa: E731
     coding = _coding(header, name)
     kinds, octant = take("kinds", 1, "u1")[:, 0], take("octants", 1, "<u8")[:, 0]
-    weights, light, table = take("weights", words_of(function)), take("light", LIGHT[coding]), take("bricks", BRICK)
+    weights, light = take("weights", words_of(function)), take("light", LIGHT[coding])
+    older = header["version"] < VERSION
+    table = np.pad(take("bricks", BRICK - 1), ((0, 0), (0, 1))) if older else take("bricks", BRICK)
     cells, codes = take("cells", 1, "u1")[:, 0], take("fallbacks", 8, "u1")
+    doubt, cut = (cells & DOUBT) > 0, int(((cells & CUT) > 0).sum())
     count, fine = len(lattice), len(kinds) - len(lattice)
     _check(fine >= 0 and (fine > 0) == (len(table) > 0), name, "fine probes where there are bricks")
     _check(bool(((kinds & KIND) <= WEIGHTED).all()), name, "kinds of probes")
     state, row, inner = decode_kinds(kinds)
     _check(len(weights) == len(octant) == int((state == WEIGHTED).sum()), name, "a record of each weighted probe")
     _check(len(light) == int((state != DROPPED).sum()), name, "light of each live probe")
-    _check(len(cells) == lattice.cell_count and len(codes) == int((cells > 0).sum()), name, "cells and their fallbacks")
-    fallback = decode_fallbacks(lattice, cells, codes)
-    bricks = decode_bricks(lattice, table, inner) if fine else None
+    _check(bool((cells <= DOUBT | CUT).all()), name, "kinds of cells")
+    _check(len(cells) == lattice.cell_count and len(codes) == int(doubt.sum()), name, "cells and their fallbacks")
+    fallback = decode_fallbacks(lattice, doubt, codes)
+    bricks = decode_bricks(lattice, table, inner, cut) if fine else None
     _check(fallback is not None and (not fine or bricks is not None), name, "cells, nodes and fine probes that exist")
+    rows = np.zeros((0, SHEET), np.uint16) if older else take("sheets", SHEET, "<u2")
+    sheets = decode_sheets(cells, rows, 0 if bricks is None else int((bricks.sheet >= 0).sum()))
+    _check(sheets is not None, name, "a finite sheet of each cell that has one")
     values = np.zeros((count + fine, 9, 3), np.float32)
     values[state != DROPPED] = _decoded(light, coding, name) * _number(header, "unit", name)
     return ProbeVolume(
@@ -214,6 +229,7 @@ def _decode_volume(data: bytes, name: str, limits: Limits) -> ProbeVolume:
         octant=octant.astype(np.uint64),
         fallback=fallback,
         light=values,
+        sheets=sheets,
         offset=_number(header, "offset", name, 0.0, 1.0),
         bricks=bricks,
     )
@@ -254,7 +270,7 @@ def _parts(data: bytes, name: str) -> tuple[dict, np.ndarray]:
         header = json.loads(data[start : start + size])
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{name}: the header is not JSON") from error
-    _check(isinstance(header, dict) and header.get("version") == VERSION, name, f"version {VERSION}")
+    _check(isinstance(header, dict) and header.get("version") in READ, name, f"version {' or '.join(map(str, READ))}")
     _check(header.get("function") in list(FUNCTIONS), name, f"weights of {', '.join(FUNCTIONS)}")
     rest = data[start + size :]
     _check(len(rest) % 4 == 0, name, "whole words")

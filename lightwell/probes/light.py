@@ -12,6 +12,7 @@ import numpy as np
 from lightwell.probes.bake import Geometry, rebake, with_bricks
 from lightwell.probes.bricks import BUDGET, worst
 from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
+from lightwell.probes.sheets import changed_nodes
 from lightwell.probes.solve import Solution, SolveRows, solve
 from lightwell.probes.state_light import light_of_states
 from lightwell.probes.states import Lights
@@ -208,6 +209,7 @@ def relit(
     old, new = before.geometry.volume, geometry.volume
     free = np.zeros(len(new.state), bool)
     free[again] = ~_same_weights(old, new, again) | _differs(start, before.start, again, again)
+    free |= _cut_anew(before.geometry, geometry)
     ask = _changed_rows(before, samples, numbers)
     free[coefficients(new, samples.place[ask], samples.normal[ask])[0].ravel()] = len(ask) > 0
     free &= new.alive
@@ -262,6 +264,12 @@ def _same_weights(old: ProbeVolume, new: ProbeVolume, probes: np.ndarray) -> np.
         old.octant[a[both]] == new.octant[b[both]]
     )
     return same
+
+
+def _cut_anew(old: Geometry, new: Geometry) -> np.ndarray:
+    """[P + F] bool: probes in cells whose sheets have changed."""
+    pairs = [(a, b.sheets) for a, b in zip(old.levels, new.levels)]
+    return np.concatenate([np.isin(a.nodes, changed_nodes(a.support.lattice, a.sheets, b)) for a, b in pairs])
 
 
 def _near(volume: ProbeVolume, samples: SolveRows, free: np.ndarray) -> np.ndarray:

@@ -53,7 +53,11 @@ def lower(volume: ProbeVolume, unit: float = 1.0, basis: np.ndarray | None = Non
     unit_place = b.clamp(b.affine(y, (1 / edges).tolist(), (-volume.lattice.origin / edges).tolist()), 0.0, 1.0)
     low = b.nearest(unit_place, b.buffer(tables.cells, "cells"))
     f = b.subtract(b.affine(unit_place, cells.tolist(), [0.0] * 3), low)
-    total, z = _sum(b, volume, tables, low, f, volume.lattice.shape, b.buffer(tables.nodes, "nodes"))
+    counted = None
+    if len(volume.sheets.plane):
+        counted = _counted(b, volume, b.nearest(unit_place, b.buffer(tables.sheets, "sheets")), f)
+    nodes = b.buffer(tables.nodes, "nodes")
+    total, z = _sum(b, volume, tables, low, f, volume.lattice.shape, nodes, counted=counted)
     if volume.bricks is not None:
         total, z = _with_bricks(b, volume, tables, unit_place, f, (total, z))
     fallback = _light_row(b, b.nearest(unit_place, b.buffer(tables.fallback, "fallback")), tables)
@@ -88,15 +92,32 @@ def _with_bricks(
     brick = b.nearest(place, b.buffer(tables.bricks, "bricks"))
     low = b.nearest(f, b.buffer(_fine_cells(), "fine.cells"))
     at, side = b.subtract(b.scale(f, float(FINE)), low), FINE + 1
-    fine, z, inner = _sum(
-        b, volume, tables, low, at, (side,) * 3, b.buffer(tables.fine, "fine.nodes"), b.scale(brick, float(side**3))
-    )
+    counted = None
+    if len(volume.sheets.plane):
+        number = b.add(b.linear(low, np.array([[1.0, FINE, FINE**2]]), np.zeros(1)), b.scale(brick, float(FINE**3)))
+        counted = _counted(b, volume, b.rows(number, b.buffer(tables.fine_sheets, "fine.sheets")), at)
+    nodes, base = b.buffer(tables.fine, "fine.nodes"), b.scale(brick, float(side**3))
+    fine, z, inner = _sum(b, volume, tables, low, at, (side,) * 3, nodes, base, counted)
     t = b.clamp(b.scale(z, 1 / TAKES_OVER), 0.0, 1.0)
     smooth = b.multiply(b.multiply(t, t), b.affine(t, [-2.0], [3.0]))
     m = b.multiply(smooth, inner)
     rest = b.affine(m, [-1.0], [1.0])
     n, total = (b.add(b.multiply(rest, a), b.multiply(m, c)) for a, c in zip(coarse, (fine, z)))
     return n, total
+
+
+def _counted(b: Builder, volume: ProbeVolume, sheet: str, f: str) -> str:
+    """[8] 1 for corners that count on this side of the sheet with the number ``sheet`` (0: none), else 0."""
+    planes = np.concatenate([np.zeros((1, 4)), volume.sheets.plane])
+    plane = b.rows(sheet, b.buffer(planes, "planes"))
+    height = b.add(b.dot(b.slice(plane, 0, 3), f), b.slice(plane, 3, 1))
+    # Two rows for each sheet: where the plane is not positive, and where it is.
+    lower, upper = b.scale(sheet, 2.0), b.affine(sheet, [2.0], [1.0])
+    bits = volume.sheets.corners[:, None] >> np.arange(16, dtype=np.uint16) & 1
+    corners = np.concatenate([np.ones((2, 8)), bits.reshape(-1, 8)])
+    return b.rows(
+        b.select(height, upper, lower), b.buffer(Buffer(corners, "uint8", np.ones((), np.float32)), "corners")
+    )
 
 
 def _sum(
@@ -108,9 +129,10 @@ def _sum(
     shape: tuple[int, int, int],
     nodes: str,
     base: str | None = None,
+    counted: str | None = None,
 ) -> tuple[Any, ...]:
     """N and Z over the eight corners of a lattice of ``shape``; with ``base``, the first node of a brick, also the
-    interpolated flag of inner nodes."""
+    interpolated flag of inner nodes. ``counted``: [8] 1 for corners that count; None: all do."""
     nx, ny, _ = shape
     strides = np.array([1.0, nx, nx * ny])
     first = b.linear(low, strides[None], np.zeros(1))
@@ -118,11 +140,12 @@ def _sum(
     g = b.affine(f, [-1.0] * 3, [1.0] * 3)
     axis = [[b.slice(v, k, 1) for v in (g, f)] for k in range(3)]
     total = z = inner = None
-    for corner in CORNERS:
+    for k, corner in enumerate(CORNERS):
         node = b.rows(b.affine(first, [1.0], [float(corner @ strides)]), nodes)
         u = b.affine(f, [1.0] * 3, (-corner).astype(float).tolist())
         hat = b.multiply(b.multiply(axis[0][corner[0]], axis[1][corner[1]]), axis[2][corner[2]])
         phi = b.multiply(hat, _rho(b, volume, tables, node, u, hat))
+        phi = phi if counted is None else b.multiply(phi, b.slice(counted, k, 1))
         part = b.multiply(phi, _light_row(b, b.slice(node, 0, 1), tables))
         total, z = (part, phi) if z is None else (b.add(total, part), b.add(z, phi))
         if base is not None:
@@ -200,6 +223,10 @@ class _Tables:
     """[Cz, Cy, Cx, 1] index of a cell's brick + 1; 0 stands for none."""
     fine: np.ndarray | None = None
     """[64 (B + 1), 9] as ``nodes``, then 1 for inner nodes."""
+    sheets: np.ndarray | None = None
+    """[Cz, Cy, Cx, 1] number of a cell's sheet, from 1; 0 stands for none."""
+    fine_sheets: np.ndarray | None = None
+    """[27 (B + 1), 1] the same for fine cells."""
 
     @staticmethod
     def of(volume: ProbeVolume, light: np.ndarray) -> _Tables:
@@ -229,7 +256,7 @@ class _Tables:
             [record[:, None], side * places[weights], weights[:, None], (4 * places[weights])[:, :3]], axis=1
         )
         made = (*_light(light, live), _fallback(volume, record), blocks, octants, layers, smooth)
-        return _Tables(_cells(volume), nodes[: len(volume.lattice)], *made, *_bricks(volume, nodes))
+        return _Tables(_cells(volume), nodes[: len(volume.lattice)], *made, *_bricks(volume, nodes), *_sheets(volume))
 
 
 def _atlas(count: int) -> tuple[np.ndarray, tuple[int, int, int]]:
@@ -289,6 +316,16 @@ def _bricks(volume: ProbeVolume, nodes: np.ndarray) -> tuple[np.ndarray | None, 
     nx, ny, nz = volume.lattice.cells
     number = (volume.bricks.cell + 1.0).reshape(nz, ny, nx, 1)
     return number, np.concatenate([none, rows]).reshape(-1, rows.shape[2])
+
+
+def _sheets(volume: ProbeVolume) -> tuple[np.ndarray, np.ndarray | None]:
+    """Tables ``sheets`` and ``fine_sheets``."""
+    nx, ny, nz = volume.lattice.cells
+    number = (volume.sheets.row + 1.0).reshape(nz, ny, nx, 1)
+    if volume.bricks is None:
+        return number, None
+    fine = volume.bricks.sheet + 1.0
+    return number, np.concatenate([np.zeros((1, fine.shape[1])), fine]).reshape(-1, 1)
 
 
 def _fine_cells() -> np.ndarray:

@@ -1,9 +1,10 @@
 """A baked probe volume and its query in NumPy, which is the definition that every other evaluator is tested against.
 
-    E(x, n) = ⟨Y(n), (N + δ F) / (Z + δ)⟩    N = Σ_p Φ_p L_p    Z = Σ_p Φ_p    δ = ε_z (1 - Z)    Φ_p = hat_p ρ_p
+    E(x, n) = ⟨Y(n), (N + δ F) / (Z + δ)⟩    N = Σ_p Φ_p L_p    Z = Σ_p Φ_p    δ = ε_z (1 - Z)    Φ_p = hat_p ρ_p s_p
 
 at y = x + offset · h · n. Z is the trusted share of the trilinear weight; F is the light of the fallback probe, the
-nearest one along a free path. In a cell with a brick, a lattice three times finer is blended in:
+nearest one along a free path; s_p is 0 where a sheet in the cell cuts the probe off, else 1. In a cell with a brick,
+a lattice three times finer is blended in:
 
     N = (1 - m) N_coarse + m N_fine    Z = (1 - m) Z_coarse + m Z_fine    m = inner(y) · smoothstep(Z_fine / 0.05)
 
@@ -24,6 +25,7 @@ from lightwell.probes import sh
 from lightwell.probes.lattice import CORNERS, ProbeLattice
 from lightwell.probes.lattice import hat as hat_of
 from lightwell.probes.pattern import octants
+from lightwell.probes.sheets import Sheets
 from lightwell.probes.weights import FUNCTIONS, ratio, trusted
 
 # Offset of queries on surfaces along the normal, units of h, because weights depend on a position, not on a side.
@@ -36,9 +38,9 @@ DROPPED, OPEN, WEIGHTED = 0, 1, 2
 # A sample with less trusted weight than this is an orphan: it needs more probes or a brick.
 ORPHAN = 0.05
 ALL_OCTANTS = np.uint64(0xFFFFFFFFFFFFFFFF)
-# Bytes of a probe's light by coding (band 0 and the step as four float16, then bytes), and of a brick (its cell, its
-# probes).
-LIGHT_BYTES, BRICK_BYTES = {"l2": 32, "zh3": 20}, 260
+# Bytes of a probe's light by coding (band 0 and the step as four float16, then bytes), of a brick (its cell, its
+# probes, which fine cells have a sheet), and of a sheet (four float16, the corners that count).
+LIGHT_BYTES, BRICK_BYTES, SHEET_BYTES = {"l2": 32, "zh3": 20}, 264, 10
 
 # Fine cells along an edge of a brick, and the trusted weight at which the fine lattice replaces the coarse one.
 FINE, TAKES_OVER = 3, 0.05
@@ -54,6 +56,8 @@ class Bricks:
     """[B, 64] int32 indices of the fine probes in the volume, x fastest."""
     inner: np.ndarray
     """[F] bool: all cells around the fine node lie in bricks."""
+    sheet: np.ndarray
+    """[B, 27] int32 row of the plane of each fine cell in the volume's sheets, x fastest; -1: none."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,8 @@ class ProbeVolume:
     """[C, 8] int32 fallback node of each octant of each cell; -1: none (black)."""
     light: np.ndarray
     """[P + F, 9, 3] float32 irradiance harmonics; 0 for dropped nodes."""
+    sheets: Sheets
+    """Planes of thin walls in the cells; those of fine cells follow."""
     offset: float = OFFSET
     """Offset of queries along the normal, units of the spacing."""
     bricks: Bricks | None = None
@@ -107,10 +113,11 @@ class ProbeVolume:
 
     @property
     def in_doubt(self) -> np.ndarray:
-        """[C] bool: cells that may need a fallback, as not all of their nodes are open; files store only these."""
+        """[C] bool: cells that may need a fallback, as a node is not open or a sheet cuts them; files store these."""
         cells = np.arange(self.lattice.cell_count)
         node = self.lattice.node_number(self.lattice.cell_corner(cells)[:, None] + CORNERS)
-        return (self.state[node] != OPEN).any(axis=1) & (self.fallback >= 0).any(axis=1)
+        doubt = (self.state[node] != OPEN).any(axis=1) | (self.sheets.row >= 0)
+        return doubt & (self.fallback >= 0).any(axis=1)
 
     def bytes_per_probe(self, coding: str = "zh3") -> dict[str, float]:
         """Return the average size of a live probe in a file.
@@ -126,6 +133,7 @@ class ProbeVolume:
         bricks = 0 if self.bricks is None else BRICK_BYTES * len(self.bricks.table)
         # One byte per node and per cell, eight per cell with a fallback.
         tables = len(self.state) + len(self.fallback) + 8 * int(self.in_doubt.sum()) + bricks
+        tables += SHEET_BYTES * len(self.sheets.plane)
         return {
             "weights": f.stored * len(self.params) / live,
             "light": float(light),
@@ -159,7 +167,9 @@ def trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray
         [N, 8] indices of nodes, [N, 8] hat and [N, 8] trust ρ in [0, 1].
     """
     node, hat, u = volume.lattice.corners(y)
-    return node, hat.astype(np.float32), _rho(volume, node, hat, u)
+    cell, f = volume.lattice.locate(y)
+    counted = volume.sheets.counted(volume.sheets.row[volume.lattice.cell_number(cell)], f)
+    return node, hat.astype(np.float32), _rho(volume, node, hat, u) * counted
 
 
 def fine_trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -182,7 +192,9 @@ def fine_trust_at(volume: ProbeVolume, y: np.ndarray) -> tuple[np.ndarray, np.nd
     node = bricks.table[np.maximum(brick, 0)[:, None], local]
     u = (at - low)[:, None] - CORNERS
     weight = hat_of(u) * (brick >= 0)[:, None]
-    rho = _rho(volume, node, weight, u)
+    part = low @ np.array([1, FINE, FINE**2])
+    row = np.where(brick >= 0, bricks.sheet[np.maximum(brick, 0), part], -1)
+    rho = _rho(volume, node, weight, u) * volume.sheets.counted(row, at - low)
     inner = (weight * bricks.inner[node - len(volume.lattice)]).sum(axis=1)
     return node, weight.astype(np.float32), rho, inner * smoothstep((weight * rho).sum(axis=1) / TAKES_OVER)
 

@@ -169,6 +169,8 @@ def test_a_rebake_of_a_shut_door_is_the_full_bake(baked):
     assert np.array_equal(after.volume.state, whole.volume.state)
     for name in ("row", "params", "octant", "fallback"):
         assert np.array_equal(getattr(after.volume, name), getattr(whole.volume, name)), name
+    for name in ("row", "plane", "corners"):
+        assert np.array_equal(getattr(after.volume.sheets, name), getattr(whole.volume.sheets, name)), name
 
 
 def test_bricks_are_baked_again_where_a_box_touches_them(rooms, baked):

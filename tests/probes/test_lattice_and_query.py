@@ -10,6 +10,7 @@ from lightwell.probes import bricks, sh
 from lightwell.probes.lattice import ProbeLattice
 from lightwell.probes.lower import lower
 from lightwell.probes.pattern import octants, pattern
+from lightwell.probes.sheets import Sheets
 from lightwell.probes.volume import DROPPED, OPEN, WEIGHTED, ProbeVolume, coefficients, explain, query
 from lightwell.probes.weights import FUNCTIONS
 
@@ -39,7 +40,16 @@ def made_up(function: str = "relu-field", lattice: ProbeLattice = LATTICE, seed:
     )
     back[(back >= 0) & (state[np.maximum(back, 0)] == DROPPED)] = -1
     masks = rng.integers(0, 2**63, len(weighted), dtype=np.uint64)
-    return ProbeVolume(lattice, function, state, row, params, masks, back, light)
+    sheets = Sheets.of_cells(*random_planes(lattice.cell_count, rng))
+    return ProbeVolume(lattice, function, state, row, params, masks, back, light, sheets)
+
+
+def random_planes(count: int, rng) -> tuple[np.ndarray, np.ndarray]:
+    """Planes through the middles of a third of the cells, and the corners that count on their sides."""
+    normal = unit(rng.standard_normal((count, 3)))
+    planes = np.column_stack([normal, -(normal * rng.uniform(0.3, 0.7, (count, 3))).sum(axis=1)])
+    planes[rng.random(count) > 1 / 3] = 0
+    return planes.astype(np.float16), rng.integers(0, 1 << 16, count).astype(np.uint16)
 
 
 def bricked(function: str = "relu-field", seed: int = 0) -> ProbeVolume:
@@ -51,8 +61,18 @@ def bricked(function: str = "relu-field", seed: int = 0) -> ProbeVolume:
     light = rng.normal(0, 0.4, (len(nodes), 9, 3)).astype(np.float32)
     light[:, 0] = 3 + rng.random((len(nodes), 3))
     light[state[len(LATTICE) :] == DROPPED] = 0
+    planes, corners = random_planes(table.sheet.size, rng)
+    has = planes.any(axis=1)
+    first = len(plain.sheets.plane)
+    sheet = np.where(has, first + np.cumsum(has) - 1, -1).reshape(table.sheet.shape).astype(np.int32)
+    sheets = replace(
+        plain.sheets,
+        plane=np.concatenate([plain.sheets.plane, planes[has].astype(np.float32)]),
+        corners=np.concatenate([plain.sheets.corners, corners[has]]),
+    )
     return replace(
         plain,
+        sheets=sheets,
         state=state,
         row=np.where(state == WEIGHTED, np.cumsum(state == WEIGHTED) - 1, -1).astype(np.int32),
         params=np.concatenate([plain.params, f.quantised(rng.normal(0.3, 0.6, (more, f.parameters)))]).astype(
@@ -60,7 +80,7 @@ def bricked(function: str = "relu-field", seed: int = 0) -> ProbeVolume:
         ),
         octant=np.concatenate([plain.octant, rng.integers(0, 2**63, more, dtype=np.uint64)]),
         light=np.concatenate([plain.light, light]),
-        bricks=table,
+        bricks=replace(table, sheet=sheet),
     )
 
 
@@ -94,7 +114,8 @@ def queries(count: int, seed: int = 1):
 
 
 def opened(volume: ProbeVolume) -> ProbeVolume:
-    return replace(volume, state=np.full(len(volume.lattice), OPEN, np.uint8))
+    state, none = np.full(len(volume.lattice), OPEN, np.uint8), Sheets.none(volume.lattice.cell_count)
+    return replace(volume, state=state, sheets=none)
 
 
 def test_a_lattice_reaches_a_whole_cell_beyond_the_surfaces():

@@ -21,10 +21,12 @@ def test_what_is_written_is_read(tmp_path, make, coding):
     for name in ("state", "row", "params", "octant", "in_doubt"):
         assert np.array_equal(getattr(found, name), getattr(volume, name)), name
     assert np.array_equal(found.fallback, np.where(volume.in_doubt[:, None], volume.fallback, -1))
+    assert len(volume.sheets.plane) > 10
+    for name in ("row", "plane", "corners"):
+        assert np.array_equal(getattr(found.sheets, name), getattr(volume.sheets, name)), name
     if volume.bricks is not None:
-        assert all(
-            np.array_equal(getattr(found.bricks, k), getattr(volume.bricks, k)) for k in ("cell", "table", "inner")
-        )
+        for name in ("cell", "table", "inner", "sheet"):
+            assert np.array_equal(getattr(found.bricks, name), getattr(volume.bricks, name)), name
     live = volume.alive
     window = sh.windowed(volume.light, sh.deringing(volume.light))
     expected = window if coding == "l2" else sh.from_zh3(sh.zh3(window))

@@ -162,19 +162,22 @@ def trusted(raw: np.ndarray) -> np.ndarray:
     return np.clip((np.clip(raw, 0, 1) - THRESHOLD) / (1 - THRESHOLD), 0, None)
 
 
-def point_weight(target: np.ndarray, hat: np.ndarray, valid: np.ndarray) -> np.ndarray:
+def point_weight(
+    target: np.ndarray, hat: np.ndarray, valid: np.ndarray, cut_off: np.ndarray | None = None
+) -> np.ndarray:
     """Compute the weight of each point in a fit.
 
     Args:
         target: [B, Q] trust ρ.
         hat: [Q] or [B, Q] trilinear weights.
         valid: [B, Q] bool: points that lie in air.
+        cut_off: [B, Q] bool: points at which a sheet cuts the probe off, whatever its record says; None: no points.
 
     Returns:
-        [B, Q] float32 weights: the hat's square, times ``LEAK_WEIGHT`` where the target is 0, or times
-        ``INSIDE_WEIGHT`` inside geometry.
+        [B, Q] float32 weights: the hat's square, times ``LEAK_WEIGHT`` where the target is 0 and no sheet cuts, or
+        times ``INSIDE_WEIGHT`` inside geometry.
     """
-    weight = np.where(target > 0, np.float32(1), np.float32(LEAK_WEIGHT))
+    weight = np.where(target > 0 if cut_off is None else (target > 0) | cut_off, np.float32(1), np.float32(LEAK_WEIGHT))
     return hat.astype(np.float32) ** 2 * np.where(valid, weight, np.float32(INSIDE_WEIGHT))
 
 

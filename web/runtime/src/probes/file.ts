@@ -1,7 +1,7 @@
 /** Reads probe volumes (`format/PROBES.md`): checks everything, and makes of it the words that shaders read. */
 
 import { FormatError } from "../checks.ts";
-import { expanded } from "./tables.ts";
+import { BRICK_WORDS, expanded } from "./tables.ts";
 import { RECORDS } from "./weights.ts";
 
 /** A probe volume: where it is, and the words that shaders read. */
@@ -28,7 +28,7 @@ export interface ProbeFile {
   readonly words: Uint32Array<ArrayBuffer>;
 }
 
-const SECTIONS = ["nodes", "weights", "light", "cells", "bricks", "traced", "moments"] as const;
+const SECTIONS = ["nodes", "weights", "light", "cells", "bricks", "sheets", "traced", "moments"] as const;
 type Section = (typeof SECTIONS)[number];
 const MOMENTS = 260;
 
@@ -71,7 +71,7 @@ export function readProbes(bytes: ArrayBuffer): ProbeFile {
 }
 
 function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFile {
-  check(typeof header === "object" && header !== null && header.version === 3, "version 3");
+  check(typeof header === "object" && header !== null && (header.version === 3 || header.version === 4), "version 3 or 4");
   const kind = header.function;
   check(typeof kind === "string" && Object.hasOwn(RECORDS, kind), `weights of ${Object.keys(RECORDS).join(", ")}`);
   const { origin, shape, spacing, offset, unit, coding } = header;
@@ -99,8 +99,15 @@ function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFi
   const weights = stored("weights", RECORDS[kind]!);
   const octants = stored("octants", 2);
   check(octants.length / 2 === weights.length / RECORDS[kind]!, "octants of each record");
-  const compact = { kinds: packed("kinds", 1), octants, light: light("light"), cells: packed("cells", 1) };
-  const tables = expanded({ ...compact, fallbacks: packed("fallbacks", 8), bricks: stored("bricks", 65) }, [nx, ny, nz], check);
+  const compact = { kinds: packed("kinds", 1), octants, light: light("light"), cells: packed("cells", 1), fallbacks: packed("fallbacks", 8) };
+  const planes = () => {
+    const found = packed("sheets", 10);
+    return new Uint16Array(found.buffer, found.byteOffset, found.length / 2);
+  };
+  // Version 3 has no sheets.
+  const newer = header.version === 4;
+  const rest = newer ? { bricks: stored("bricks", 66), sheets: planes() } : { bricks: uncut(stored("bricks", 65)), sheets: new Uint16Array(0) };
+  const tables = expanded({ ...compact, ...rest }, [nx, ny, nz], check);
   const parts: Record<Section, Uint32Array> = {
     ...tables,
     weights,
@@ -127,10 +134,17 @@ function assembled(header: Record<string, unknown>, words: Uint32Array): ProbeFi
     function: kind,
     baselines,
     probes: parts.nodes.length / 4,
-    bricks: parts.bricks.length / 64,
+    bricks: parts.bricks.length / BRICK_WORDS,
     at,
     words: joined,
   };
+}
+
+/** Bricks of version 3, of which no fine cell has a sheet. */
+function uncut(rows: Uint32Array): Uint32Array {
+  const out = new Uint32Array((rows.length / 65) * 66);
+  for (let b = 0; b < rows.length / 65; b++) out.set(rows.subarray(65 * b, 65 * b + 65), 66 * b);
+  return out;
 }
 
 /** Half floats of words from `first` on, `count` of them, are finite. */

@@ -2,6 +2,7 @@
 
 import { momentsGlsl, ROW } from "./baselines.ts";
 import type { ProbeFile } from "./file.ts";
+import { BRICK_WORDS } from "./tables.ts";
 import { overHat, RECORDS, rawGlsl, rawWgsl } from "./weights.ts";
 
 /** Texels of a row of the texture of words, as a power of two. */
@@ -9,6 +10,8 @@ export const ROW_BITS = 11;
 /** Trust below this is none (`probes/weights`). */
 const THRESHOLD = 0.02;
 const [FALLBACK, TAKES_OVER] = [1e-5, 0.05];
+/** Texels of a brick. */
+const BRICK = BRICK_WORDS / 4;
 
 /** Names and numbers that both languages share. */
 function numbers({ at, origin, spacing, shape, unit, function: kind }: ProbeFile) {
@@ -62,13 +65,20 @@ vec3 ${name}_light(int probe) {
     dot(${name}_signed(b.z), ${name}_low) + dot(${name}_signed(b.w), ${name}_high));
   return 0.28209479177387814 * vec3(rg, bs.x) + bs.y * rest;
 }
-vec4 ${name}_add(int probe, float hat, vec3 u, inout float inner) {
+// Bit k: corner k of a cell counts on this side of the cell's sheet, whose number counts from 1.
+uint ${name}_counted(uint sheet, vec3 f) {
+  if (sheet == 0u || ${name}_mode != 0) return 255u;
+  uvec4 s = ${name}_word(${n.at.sheets} + int(sheet) - 1);
+  vec2 xy = unpackHalf2x16(s.x), zd = unpackHalf2x16(s.y);
+  return dot(vec3(xy, zd.x), f) + zd.y > 0.0 ? s.z >> 8u : s.z;
+}
+vec4 ${name}_add(int probe, float hat, vec3 u, bool counts, inout float inner) {
   if (hat <= 0.0) return vec4(0.0);
   ${n.at.moments > 0 ? `// Nodes behind a surface are ours alone.
   if (${name}_mode == 1 && ${name}_word(${n.at.moments} + probe * ${ROW}).w == 0u) return vec4(0.0);` : ""}
   uvec4 node = ${name}_word(${n.at.nodes} + probe);
   inner += hat * float(node.w);
-  float phi = hat * ${name}_rho(node, u, hat);
+  float phi = counts ? hat * ${name}_rho(node, u, hat) : 0.0;
   if (probe == ${name}_probe) ${name}_share += phi;
   return phi > 0.0 ? vec4(phi * ${name}_light(probe), phi) : vec4(0.0);
 }
@@ -83,15 +93,17 @@ vec4 ${name}(vec3 place, vec3 n) {
   ${name}_share = 0.0;
   vec4 total = vec4(0.0);
   float inner = 0.0;
+  int number = (cell.z * ${n.cells[1]} + cell.y) * ${n.cells[0]} + cell.x;
+  uvec4 more = ${name}_word(${n.at.cells} + 3 * number + 2);
+  uint counted = ${name}_counted(more.y, f);
   ${n.at.moments > 0 ? `if (${name}_mode == 3) total = ${name}_moments(place, n, cell, f);
   else ` : ""}for (int k = 0; k < 8; k++) {
     ivec3 c = ivec3(k & 1, (k >> 1) & 1, k >> 2);
     vec3 u = f - vec3(c), h = 1.0 - abs(u);
     ivec3 p = cell + c;
-    total += ${name}_add((p.z * ${n.shape[1]} + p.y) * ${n.shape[0]} + p.x, h.x * h.y * h.z, u, inner);
+    total += ${name}_add((p.z * ${n.shape[1]} + p.y) * ${n.shape[0]} + p.x, h.x * h.y * h.z, u, ((counted >> uint(k)) & 1u) > 0u, inner);
   }
-  int number = (cell.z * ${n.cells[1]} + cell.y) * ${n.cells[0]} + cell.x;
-  uint brick = ${name}_word(${n.at.cells} + 3 * number + 2).x;
+  uint brick = more.x;
   if (brick > 0u && ${name}_mode == 0) {
     float before = ${name}_share;
     ${name}_share = 0.0;
@@ -100,12 +112,14 @@ vec4 ${name}(vec3 place, vec3 n) {
     g -= vec3(low);
     vec4 fine = vec4(0.0);
     inner = 0.0;
+    int first = ${n.at.bricks} + (int(brick) - 1) * ${BRICK}, part = (low.z * 3 + low.y) * 3 + low.x;
+    counted = ${name}_counted(${name}_word(first + 16 + (part >> 2))[part & 3], g);
     for (int k = 0; k < 8; k++) {
       ivec3 c = ivec3(k & 1, (k >> 1) & 1, k >> 2), p = low + c;
       vec3 u = g - vec3(c), h = 1.0 - abs(u);
       int row = (p.z * 4 + p.y) * 4 + p.x;
-      uint probe = ${name}_word(${n.at.bricks} + (int(brick) - 1) * 16 + (row >> 2))[row & 3];
-      fine += ${name}_add(int(probe), h.x * h.y * h.z, u, inner);
+      uint probe = ${name}_word(first + (row >> 2))[row & 3];
+      fine += ${name}_add(int(probe), h.x * h.y * h.z, u, ((counted >> uint(k)) & 1u) > 0u, inner);
     }
     float m = inner * smoothstep(0.0, 1.0, fine.w * ${n.over});
     total = mix(total, fine, m);
@@ -148,10 +162,18 @@ fn ${name}_light(probe: i32, low: vec4f, high: vec4f) -> vec3f {
     dot(${name}_signed(b.z), low) + dot(${name}_signed(b.w), high));
   return 0.28209479177387814 * vec3f(rg, bs.x) + bs.y * rest;
 }
-fn ${name}_add(probe: i32, hat: f32, u: vec3f, inner: ptr<function, f32>, low: vec4f, high: vec4f) -> vec4f {
+fn ${name}_counted(sheet: u32, f: vec3f) -> u32 {
+  if (sheet == 0u) { return 255u; }
+  let s = ${name}_word(${n.at.sheets} + i32(sheet) - 1);
+  let xy = unpack2x16float(s.x);
+  let zd = unpack2x16float(s.y);
+  return select(s.z, s.z >> 8u, dot(vec3f(xy, zd.x), f) + zd.y > 0.0);
+}
+fn ${name}_add(probe: i32, hat: f32, u: vec3f, counts: bool, inner: ptr<function, f32>, low: vec4f, high: vec4f) -> vec4f {
   if (hat <= 0.0) { return vec4f(0.0); }
   let node = ${name}_word(${n.at.nodes} + probe);
   *inner += hat * f32(node.w);
+  if (!counts) { return vec4f(0.0); }
   let phi = hat * ${name}_rho(node, u, hat);
   if (phi <= 0.0) { return vec4f(0.0); }
   return vec4f(phi * ${name}_light(probe, low, high), phi);
@@ -165,28 +187,33 @@ fn ${name}(place: vec3f, n: vec3f) -> vec4f {
     0.5462742152960396 * (n.x * n.x - n.y * n.y));
   var total = vec4f(0.0);
   var inner = 0.0;
+  let number = (cell.z * ${n.cells[1]} + cell.y) * ${n.cells[0]} + cell.x;
+  let more = ${name}_word(${n.at.cells} + 3 * number + 2);
+  var counted = ${name}_counted(more.y, f);
   for (var k = 0; k < 8; k++) {
     let c = vec3i(k & 1, (k >> 1u) & 1, k >> 2u);
     let u = f - vec3f(c);
     let h = vec3f(1.0) - abs(u);
     let p = cell + c;
-    total += ${name}_add((p.z * ${n.shape[1]} + p.y) * ${n.shape[0]} + p.x, h.x * h.y * h.z, u, &inner, low, high);
+    total += ${name}_add((p.z * ${n.shape[1]} + p.y) * ${n.shape[0]} + p.x, h.x * h.y * h.z, u, ((counted >> u32(k)) & 1u) > 0u, &inner, low, high);
   }
-  let number = (cell.z * ${n.cells[1]} + cell.y) * ${n.cells[0]} + cell.x;
-  let brick = ${name}_word(${n.at.cells} + 3 * number + 2).x;
+  let brick = more.x;
   if (brick > 0u) {
     let s = min(vec3i(3.0 * f), vec3i(2));
     let g = 3.0 * f - vec3f(s);
     var fine = vec4f(0.0);
     inner = 0.0;
+    let first = ${n.at.bricks} + (i32(brick) - 1) * ${BRICK};
+    let part = (s.z * 3 + s.y) * 3 + s.x;
+    counted = ${name}_counted(${name}_word(first + 16 + (part >> 2u))[part & 3], g);
     for (var k = 0; k < 8; k++) {
       let c = vec3i(k & 1, (k >> 1u) & 1, k >> 2u);
       let p = s + c;
       let u = g - vec3f(c);
       let h = vec3f(1.0) - abs(u);
       let row = (p.z * 4 + p.y) * 4 + p.x;
-      let probe = ${name}_word(${n.at.bricks} + (i32(brick) - 1) * 16 + (row >> 2u))[row & 3];
-      fine += ${name}_add(i32(probe), h.x * h.y * h.z, u, &inner, low, high);
+      let probe = ${name}_word(first + (row >> 2u))[row & 3];
+      fine += ${name}_add(i32(probe), h.x * h.y * h.z, u, ((counted >> u32(k)) & 1u) > 0u, &inner, low, high);
     }
     total = mix(total, fine, inner * smoothstep(0.0, 1.0, fine.w * ${n.over}));
   }

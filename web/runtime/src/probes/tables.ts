@@ -1,4 +1,4 @@
-/** From the compact sections of a file to the tables that shaders read: four words a node, twelve a cell. */
+/** From the compact sections of a file to the tables that shaders read: four words a node, twelve a cell, four a sheet. */
 
 /** Sections as they are stored. */
 export interface Stored {
@@ -8,27 +8,36 @@ export interface Stored {
   readonly octants: Uint32Array;
   /** Eight words a live probe. */
   readonly light: Uint32Array;
-  /** A byte a cell: whether it has a row of fallbacks. */
+  /** A byte a cell: 1 where it has a row of fallbacks, 2 where it has a sheet. */
   readonly cells: Uint8Array;
   /** Eight bytes a row. */
   readonly fallbacks: Uint8Array;
-  /** 65 words a brick: its cell, its probes. */
+  /** 66 words a brick: its cell, its probes, which of its fine cells have a sheet. */
   readonly bricks: Uint32Array;
+  /** Five half words a sheet: its plane, the corners that count. */
+  readonly sheets: Uint16Array;
 }
 
 /** What shaders read of it. */
 export interface Tables {
   readonly nodes: Uint32Array;
   readonly light: Uint32Array;
+  /** Fallbacks of eight octants, the brick, the sheet; counted from 1. */
   readonly cells: Uint32Array;
+  /** 64 probes, then the sheets of 27 fine cells, counted from 1. */
   readonly bricks: Uint32Array;
+  /** Two words of half floats, the corners that count, nothing. */
+  readonly sheets: Uint32Array;
 }
 
 type Check = (good: boolean, expected: string) => asserts good;
 
 /** Nodes along an edge of the block that a byte of a fallback names, how many lie below the cell, and no node at all. */
 const [SIDE, BELOW, NONE] = [6, 2, 255];
-const BRICK = 65;
+const BRICK = 66;
+/** Words of a brick that shaders read, and bits of a cell. */
+export const BRICK_WORDS = 92;
+const [DOUBT, CUT, FINE_CELLS] = [1, 2, 27];
 
 /** Expands and checks the tables of a lattice of nodes along x, y, z. */
 export function expanded(stored: Stored, shape: readonly [number, number, number], check: Check): Tables {
@@ -54,15 +63,18 @@ export function expanded(stored: Stored, shape: readonly [number, number, number
   return { nodes, light, ...expandedCells(stored, shape, kinds.length, check) };
 }
 
-function expandedCells(stored: Stored, shape: readonly [number, number, number], probes: number, check: Check): Pick<Tables, "cells" | "bricks"> {
+function expandedCells(stored: Stored, shape: readonly [number, number, number], probes: number, check: Check): Pick<Tables, "cells" | "bricks" | "sheets"> {
   const [nx, ny, nz] = shape;
   const [cx, cy] = [nx - 1, ny - 1];
   const total = cx * cy * (nz - 1);
   check(stored.cells.length === total, `${total} cells`);
   const cells = new Uint32Array(12 * total);
-  let row = 0;
+  let [row, sheet] = [0, 0];
   for (let c = 0; c < total; c++) {
-    if (!stored.cells[c]) continue;
+    const kind = stored.cells[c]!;
+    check(kind <= (DOUBT | CUT), "kinds of cells");
+    if (kind & CUT) cells[12 * c + 9] = ++sheet;
+    if (!(kind & DOUBT)) continue;
     check(8 * row + 8 <= stored.fallbacks.length, "fallbacks of each cell");
     for (let k = 0; k < 8; k++) {
       const code = stored.fallbacks[8 * row + k]!;
@@ -77,13 +89,27 @@ function expandedCells(stored: Stored, shape: readonly [number, number, number],
   }
   check(8 * row === stored.fallbacks.length, "fallbacks of each cell");
   const count = stored.bricks.length / BRICK;
-  const bricks = new Uint32Array(64 * count);
+  const bricks = new Uint32Array(BRICK_WORDS * count);
   for (let b = 0; b < count; b++) {
     const cell = stored.bricks[BRICK * b]!;
     check(cell < total && (b === 0 || cell > stored.bricks[BRICK * (b - 1)]!), "cells of bricks, in order");
     cells[12 * cell + 8] = 1 + b;
-    bricks.set(stored.bricks.subarray(BRICK * b + 1, BRICK * (b + 1)), 64 * b);
+    const fine = stored.bricks.subarray(BRICK * b + 1, BRICK * b + 65);
+    for (const probe of fine) check(probe >= nx * ny * nz && probe < probes, "fine probes that exist");
+    bricks.set(fine, BRICK_WORDS * b);
+    const cut = stored.bricks[BRICK * b + 65]!;
+    for (let k = 0; k < FINE_CELLS; k++) if ((cut >> k) & 1) bricks[BRICK_WORDS * b + 64 + k] = ++sheet;
   }
-  for (const probe of bricks) check(probe >= nx * ny * nz && probe < probes, "fine probes that exist");
-  return { cells, bricks };
+  check(5 * sheet === stored.sheets.length, "a sheet of each cell that has one");
+  return { cells, bricks, sheets: expandedSheets(stored.sheets, check) };
+}
+
+function expandedSheets(stored: Uint16Array, check: Check): Uint32Array {
+  const out = new Uint32Array((4 * stored.length) / 5);
+  for (let i = 0; i < out.length / 4; i++) {
+    const [x, y, z, d, corners] = stored.subarray(5 * i, 5 * i + 5);
+    for (const half of [x!, y!, z!, d!]) check(((half >> 10) & 31) < 31, "finite planes");
+    out.set([x! | (y! << 16), z! | (d! << 16), corners!], 4 * i);
+  }
+  return out;
 }
