@@ -32,6 +32,8 @@ from lightwell.cache.temporal import LEAST_WEIGHT, NEAR_PLANE, SAME_SIDE
 OTHER_SURFACE = 1e-4
 # Frames in the average of light that depends on the direction of view.
 MOST_GLOSSY = 3.0
+# Backs that a camera ray passes at most.
+PASSED = 8
 
 
 class LiveSurface:
@@ -54,7 +56,31 @@ class LiveSurface:
         """Whether light may be averaged over the pixels that show it: neither a mirror nor clear glass."""
 
 
-def surface_of(scene: Any, ray: Any, context: PathContext) -> LiveSurface:
+@dr.syntax
+def past_backs(scene: Any, ray: Any) -> tuple[mi.SurfaceInteraction3f, mi.Point3f]:
+    """Find what camera rays meet first, without the backs of one-sided surfaces, which rasterisers do not draw either.
+
+    Args:
+        scene: Mitsuba scene.
+        ray: [N] camera rays.
+
+    Returns:
+        What the rays meet, and where they begin to meet it: behind what they have passed, [N] each.
+    """
+    origin, si = mi.Point3f(ray.o), scene.ray_intersect(ray, mi.RayFlags.All, True)
+    passed, active = mi.UInt32(0), si.is_valid()
+    while active:
+        front = (dr.dot(si.n, ray.d) <= 0) | mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.BackSide)
+        active &= ~front & (passed < PASSED)
+        if active:
+            origin = si.spawn_ray(ray.d).o
+            si = scene.ray_intersect(mi.Ray3f(origin, ray.d), mi.RayFlags.All, False, active)
+        active &= si.is_valid()
+        passed += 1
+    return si, origin
+
+
+def surface_of(scene: Any, ray: Any, context: PathContext) -> tuple[LiveSurface, Any]:
     """Find what camera rays meet first.
 
     Args:
@@ -63,20 +89,21 @@ def surface_of(scene: Any, ray: Any, context: PathContext) -> LiveSurface:
         context: Parameters of the paths.
 
     Returns:
-        Surfaces [N].
+        Surfaces [N], and the rays that meet them: they begin behind the backs that they have passed.
     """
-    si = scene.ray_intersect(ray, mi.RayFlags.All, True)
+    start, ray = mi.Point3f(ray.o), mi.RayDifferential3f(ray)
+    si, ray.o = past_backs(scene, ray)
     bsdf, met = si.bsdf(ray), si.is_valid()
     vertex, found = context.vertex(si, bsdf, met), LiveSurface()
     found.p, found.n = dr.select(met, si.p, 0), dr.select(met, vertex.n, 0)
-    found.t = dr.select(met, si.t, 0)
+    found.t = dr.select(met, dr.norm(si.p - start), 0)
     reflectance = dr.select(met, dr.clip(vertex.reflectance(), 0, 1), 1)
     found.white = reflectance + LEAST_ALBEDO
     emission = si.emitter(scene).eval(si)
     found.emission = dr.select(dr.all(dr.isfinite(emission)), emission, 0)
     found.gloss = dr.select(met, dr.mean(dr.clip(vertex.b, 0, 1)) / dr.maximum(dr.mean(reflectance), 1e-3), 0)
     found.usable = met & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    return found
+    return found, ray
 
 
 class LightHistory:
@@ -134,7 +161,7 @@ def frozen_samples(model: Model, shape: SampleShape) -> Callable[..., Any]:
         column = lane - row * half
         pixel = dr.minimum(2 * row + y, size - 1) * size + dr.minimum(2 * column + x, size - 1)
         ray, weight, _, sampler = sobol_rays(sensor, (first, mi.UInt32(1), seed), half * half, pixel)
-        surface = surface_of(scene, ray, context)
+        surface, ray = surface_of(scene, ray, context)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
         L, *_ = render_path(
             scene, sampler, ray, context, evaluate, mi.Float(1), shape.caching, "biased", True
@@ -169,7 +196,7 @@ def frozen_surfaces(size: int, film: str) -> Callable[..., Any]:
         lane = dr.arange(mi.UInt32, size * size)
         place = (mi.Point2f(lane % size, lane // size) + 0.5) / size
         ray, _ = sensor.sample_ray_differential(sensor.shutter_open(), 0.5, place, mi.Point2f(0.5))
-        surface = surface_of(scene, ray, context)
+        surface = surface_of(scene, ray, context)[0]
         dr.eval(surface)
         return surface
 

@@ -33,9 +33,10 @@ def furnace(albedo=(0.5, 0.5, 0.5), emission=1.0, size=24):
     )
 
 
-def room(size=24, bsdf=None, radiance=8.0):
+def room(size=24, bsdf=None, radiance=8.0, two_sided=False):
     """A closed box of grey walls, a small lamp under the ceiling, and one thing in it."""
     grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.6, 0.5, 0.4]}}
+    grey = {"type": "twosided", "bsdf": grey} if two_sided else grey
     return mi.load_dict(
         {
             "type": "scene",

@@ -1,6 +1,7 @@
 """The progressive picture of the live page: its mean is that of the path tracer, and light follows its surfaces."""
 
 import numpy as np
+import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import RadianceCache, settings_of
@@ -125,3 +126,20 @@ def test_the_light_of_a_sample_is_its_radiance_without_emission_over_albedo():
     assert np.allclose(np.array(light).reshape(-1, 3) * 0.55 + 1, np.array(L).T, rtol=1e-4)
     # Radiance in a closed sphere of albedo 1/2 that emits 1: 2.
     assert abs(np.array(L).mean() - 2) < 0.02
+
+
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_backs_of_one_sided_walls_are_looked_through(two_sided):
+    # From behind the wall that the room's own camera has at its back: a rasteriser culls it.
+    scene = room(SIZE, two_sided=two_sided)
+    cache, picture = cache_of(scene), LivePicture(SIZE, caching=False)
+    eye = mi.load_dict(sensor(SIZE, (0, 0, -3), (0, 0, 1), fov=30))
+    found = frozen_surfaces(SIZE, f"outside {two_sided}")(scene, eye, cache.region.context)
+    place, t = np.array(found.p).T, np.array(found.t)
+    assert (np.abs(place[:, 2] + 1) < 1e-3).all() if two_sided else (place[:, 2] > -0.99).all()
+    # Rays begin at the near plane.
+    assert np.abs(t - np.linalg.norm(place - [0, 0, -3], axis=1)).max() < 0.02
+    for _ in range(8):
+        picture.advance(scene, eye, cache, 1.0)
+    seen = np.array(picture.image)
+    assert seen.mean() < 1e-3 if two_sided else seen.mean() > 0.05, seen.mean()
