@@ -3,9 +3,8 @@
     python benchmarks/baselines.py            every scene; writes results/baselines.json
     python benchmarks/baselines.py --quick    a smoke run on the built-in Cornell box; writes nothing
 
-``path`` renders ``SPP`` samples; each of the others gets the wall time that this took: a first picture of one sample
-compiles the kernels, a second one tells how many samples fit. Medians of ``REPEATS`` turns. References are those of
-radiance_cache.py.
+``path`` renders ``SPP`` samples; each of the others gets the wall time that this took: pictures of more and more
+samples tell how many fit. Medians of ``REPEATS`` turns. References are those of radiance_cache.py.
 """
 
 from __future__ import annotations
@@ -27,6 +26,8 @@ from lightwell.backend import mi
 from lightwell.rendering import irradiance_cache, virtual_point_lights
 
 METHODS = ("vpl", "irradiance-cache", "nrc")
+# Pictures by which the number of samples is found, the first of which compiles, and by how much each may have more.
+TRIES, GROWTH = 4, 8
 QUIET = "needs a quiet machine and the given scenes"
 
 
@@ -41,12 +42,14 @@ def samples_in(method: str, scene: Any, sensor: Any, seconds: float) -> int:
     """Samples per pixel that a method renders in so much time."""
     if method == "nrc":
         return 1
-    times = [
-        timed(lambda n=n: mi.render(scene, sensor=sensor, integrator=integrator_of(method, scene, 0), spp=n, seed=9))[1]
-        for n in (1, 1, 3)
-    ]
-    first, each = times[1], max((times[2] - times[1]) / 2, 1e-6)
-    return max(1, int(1 + (seconds - first) / each))
+
+    def took(spp: int) -> float:
+        return timed(lambda: mi.render(scene, sensor=sensor, integrator=made, spp=spp, seed=9))[1]
+
+    made, count = integrator_of(method, scene, 0), 1
+    for _ in range(TRIES):
+        count = int(np.clip(count * seconds / took(count), 1, GROWTH * count))
+    return count
 
 
 def compared(scene: Any, sensor: Any, truth: Truth, spp: int, repeats: int) -> dict[str, tuple[float, float]]:

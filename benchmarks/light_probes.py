@@ -383,13 +383,14 @@ def volume_rows(name: str, quick: bool, offsets: int) -> list[Row]:
     from probe_volume import SPACING, rows_of
 
     from lightwell.fields.probes.fit import ALONG
+    from lightwell.probes.lattice import default_spacing
 
     base = name.removesuffix(VOLUME)
     found = _leak_scene(base)
     if found is None:
         return []
     made, direct = found
-    spacing = float(np.ptp(made.scene.core, axis=0).max()) / ALONG if base in OF_FILES else SPACING
+    spacing = default_spacing(made.scene.core, ALONG) if base in OF_FILES else SPACING
     return rows_of(made.name, made, direct, spacing, quick, min(offsets, 1 if base in OF_FILES else 2))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from lightwell.graph import compile, evaluate
 from lightwell.probes import bricks, sh
-from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.lattice import ProbeLattice, default_spacing
 from lightwell.probes.lower import lower
 from lightwell.probes.pattern import octants, pattern
 from lightwell.probes.sheets import Sheets
@@ -125,6 +125,17 @@ def test_a_lattice_reaches_a_whole_cell_beyond_the_surfaces():
         assert (nodes.min(axis=0) <= -0.5 + 1e-9).all() and (
             nodes.max(axis=0) >= np.array([3.5, 2.5, 2.0]) - 1e-9
         ).all()
+
+
+@pytest.mark.parametrize("edges", [(8, 4, 8), (8, 8, 8), (42.3, 3, 18.8), (240, 22, 190), (100, 0, 100), (60, 1, 1)])
+def test_flat_and_long_scenes_have_as_many_nodes_as_a_room(edges):
+    bounds = np.array([(1.0, 2.0, 3.0), np.add(edges, (1.0, 2.0, 3.0))])
+    room = len(ProbeLattice.around(np.array([(0, 0, 0), (8.0, 4.0, 8.0)]), 1.0))
+    spacing = default_spacing(bounds, 8)
+    count = len(ProbeLattice.around(bounds, spacing))
+    # A rod would need them closer than is allowed.
+    assert count >= room or spacing <= max(edges) / 8 / 4
+    assert spacing <= max(edges) / 8 and count < 2 * room
 
 
 def test_node_cells_and_corners_agree():

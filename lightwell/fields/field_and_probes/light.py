@@ -34,6 +34,7 @@ from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
 from lightwell.probes.end_stops import dark_at_stops
+from lightwell.probes.lattice import default_spacing
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.low_rank import LowRank
 from lightwell.probes.lower import lower
@@ -174,7 +175,7 @@ class ProbeLight:
         """The plan, measured once."""
         state = self._state
         setup = FieldSetup.of(state.scene, 1.0, "static")
-        spacing = state.job.options.spacing or 2 * setup.half_extent / self._preset.along
+        spacing = state.job.options.spacing or default_spacing(state.scene.core, self._preset.along)
         times = STATES_BESIDE if state.scene.movers else 1
         variables = {role: None if role == "static" else state.for_role(role).variable for role in state.roles}
         wanted = {

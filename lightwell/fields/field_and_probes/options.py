@@ -14,7 +14,7 @@ class FieldAndProbesOptions:
 
     spacing: float | None = option(
         None,
-        "distance of neighbouring probes, 1m or 50cm (default: an eighth of the scene's extent, or wider by the time)",
+        "distance of neighbouring probes, 1m or 50cm (default: as of probes alone, or wider by the time)",
         parse=metres,
         metavar="LENGTH",
         check=lambda v: "" if 0 < v < float("inf") else "is not a length; give metres, such as 1m",

@@ -15,6 +15,7 @@ from lightwell.fields.probes.rebake import RebakeState, rebaked
 from lightwell.fields.protocol import Fit, Job, Role, State
 from lightwell.fields.surface.field import SurfaceField
 from lightwell.fields.surface.training import SurfaceSamples
+from lightwell.probes.lattice import default_spacing
 
 # Shards of samples, which give the unit of the light.
 SHARDS = 1
@@ -104,7 +105,7 @@ class ProbesField(SurfaceField):
             setup: Set-up of the scene, made by ``FieldSetup.of``.
             preset: Name of a preset.
             seed: Seed of sampler and weights.
-            spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
+            spacing: Distance of neighbouring probes, metres; None: see ``default_spacing``.
 
         Returns:
             The learner.
@@ -156,7 +157,7 @@ def planned(state: State, role: Role) -> tuple[ProbesPreset, float]:
     """
     job, setups = state.job, {own: setup_of(state, own) for own in state.roles}
     preset, setup = PRESETS[job.request.preset], setups[role]
-    spacing = job.options.spacing or 2 * setup.half_extent / preset.along
+    spacing = job.options.spacing or default_spacing(state.scene.core, preset.along)
     variables = {own: made.variable for own, made in setups.items()}
     wanted = {own: 1 if v is None else preset.states_of(v) for own, v in variables.items()}
     geometry = partial(weights_of, setup, preset)

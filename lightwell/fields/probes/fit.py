@@ -29,6 +29,7 @@ from lightwell.probes.bake import Geometry, bake_geometry
 from lightwell.probes.baselines import compare
 from lightwell.probes.gathered import gathers
 from lightwell.probes.generator import fit_with
+from lightwell.probes.lattice import default_spacing
 from lightwell.probes.light import SolvedVolume, light_volume, refined
 from lightwell.probes.low_rank import LowRank
 from lightwell.probes.samples import ProbeSampling
@@ -268,7 +269,7 @@ def weights_of(setup: FieldSetup, preset: ProbesPreset, spacing: float | None) -
     Returns:
         The weights, without light.
     """
-    spacing = spacing or 2 * setup.half_extent / preset.along
+    spacing = spacing or default_spacing(setup.scene.core, preset.along)
     make = lambda: bake_geometry(setup.scene, spacing, preset.function, fit=fit_of(preset))  # noqa: E731
     arguments = (float(spacing), preset.function, preset.generator, preset.refine)
     return setup.scene.cache.get(GEOMETRY, make, arguments)
@@ -299,7 +300,7 @@ def solved(
         setup: Set-up of the scene, made by ``FieldSetup.of``.
         preset: Settings of the probes.
         seed: Seed of the sampler.
-        spacing: Distance of neighbouring probes, metres; None: an eighth of the scene's extent.
+        spacing: Distance of neighbouring probes, metres; None: see ``default_spacing``.
         poses: Poses in which a variable light is traced; None: nothing moves.
 
     Returns:

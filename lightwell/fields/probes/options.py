@@ -38,7 +38,7 @@ class ProbesOptions:
 
     spacing: float | None = option(
         None,
-        "distance of neighbouring probes, 1m or 50cm (default: an eighth of the scene's extent)",
+        "distance of neighbouring probes, 1m or 50cm (default: an eighth of the longest edge, less in flat scenes)",
         parse=metres,
         metavar="LENGTH",
         check=lambda v: "" if 0 < v < float("inf") else "is not a length; give metres, such as 1m",

@@ -42,7 +42,7 @@ class VolumeField(SurfaceField):
             setup: Set-up of the scene, made by ``FieldSetup.of``.
             preset: Name of a preset.
             seed: Seed of sampler and weights.
-            spacing: Distance of neighbouring nodes, metres; None: a sixteenth of the scene's extent.
+            spacing: Distance of neighbouring nodes, metres; None: see ``default_spacing``.
 
         Returns:
             The learner.

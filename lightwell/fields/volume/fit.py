@@ -20,7 +20,7 @@ from lightwell.graph import Graph
 from lightwell.networks import TrainingSettings
 from lightwell.probes import sh
 from lightwell.probes.baselines import PATHS, held_out
-from lightwell.probes.lattice import ProbeLattice
+from lightwell.probes.lattice import ProbeLattice, default_spacing
 from lightwell.probes.metrics import score
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.split.fit import compressed, node_light
@@ -127,7 +127,7 @@ def solved(setup: FieldSetup, preset: VolumePreset, seed: int, spacing: float | 
     """
     if setup.scene is None:
         raise ValueError("volume: the set-up has no scene; its air is traced, make it with FieldSetup.of")
-    spacing = float(spacing or 2 * setup.half_extent / preset.along)
+    spacing = float(spacing or default_spacing(setup.scene.core, preset.along))
     arguments = (spacing, preset, setup.light, setup.variable, seed)
     return setup.scene.cache.get(VOLUME, lambda: _solve(setup, preset, spacing, seed), arguments)
 

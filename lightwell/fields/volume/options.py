@@ -14,7 +14,7 @@ class VolumeOptions:
 
     spacing: float | None = option(
         None,
-        "distance of neighbouring nodes, 50cm or 1m (default: a sixteenth of the scene's extent)",
+        "distance of neighbouring nodes, 50cm or 1m (default: a sixteenth of the longest edge, less in flat scenes)",
         parse=metres,
         metavar="LENGTH",
         check=lambda v: "" if 0 < v < float("inf") else "is not a length; give metres, such as 1m",
