@@ -251,14 +251,19 @@ def test_probes_follow_switches_where_something_moves(tmp_path):
     report = tiny_bake(tmp_path / "out", scene=str(path), lamps=("name",), vary=vary)
     assert report["facts"]["static_probes"]["follows"] == "the switches of the lamps and the node that moves"
     assert validate_file(tmp_path / "out") == []
-    scene, place, up = load(str(path)), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)
-    scene = with_movers(scene, declared_movers(vary, scene))
-    ask = lambda pose, *dimmers: asked(tmp_path / "out", "static", place, up, lamps=np.tile(dimmers, 3), pose=pose)  # noqa: E731
+    scene, up = with_movers(load(str(path)), declared_movers(vary, load(str(path)))), (0.0, 1.0, 0.0)
+    # 27 probes of few paths: one place may be wrong by a factor of two, the mean of four is not.
+    places = [(0.0, 1.0, 0.0), (0.3, 0.6, 0.2), (-0.4, 1.2, -0.3), (0.5, 1.5, 0.4)]
+
+    def ask(pose, *dimmers):
+        frame = {"lamps": np.tile(dimmers, 3), "pose": pose}
+        return np.mean([asked(tmp_path / "out", "static", place, up, **frame) for place in places], axis=0)
+
     for pose in (0.0, 1.0):
         for emitter, dimmers in enumerate(((1, 0), (0, 1))):
-            more = {"normals": np.array([up]), "emitters": (emitter,)}
-            truth = air_light(posed(scene, (pose,)), np.array([place]), 4096, 3, **more).irradiance[0] / np.pi
+            more = {"normals": np.array([up] * len(places)), "emitters": (emitter,)}
+            truth = air_light(posed(scene, (pose,)), np.array(places), 4096, 3, **more).irradiance / np.pi
             np.testing.assert_allclose(ask(pose, *dimmers).mean(), truth.mean(), rtol=0.5)
         np.testing.assert_allclose(ask(pose, 1, 0) + ask(pose, 0, 1), ask(pose, 1, 1), rtol=1e-3)
-    # The panel that slides up lights the place from above the more it is there; the other panel stays.
+    # The panel that slides up lights the places from above the more it is there; the other panel stays.
     np.testing.assert_allclose(ask(0.5, 0, 1), 0.5 * (ask(0.0, 0, 1) + ask(1.0, 0, 1)), rtol=0.5)
