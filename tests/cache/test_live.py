@@ -210,7 +210,8 @@ def test_a_bake_is_taken_over_and_shown(tmp_path):
     assert not more and quality == "good" and set(edits.moved) == {4}
     assert session.state()["bake"]["running"] and not session.state()["baked"]
     baker.running = False
-    threading.Thread(target=session.loop, daemon=True).start()
+    thread = threading.Thread(target=session.loop, daemon=True)
+    thread.start()
     try:
         wait_for(lambda: session.baked is not None)
         session.command({"do": "show", "picture": "baked"})
@@ -218,7 +219,9 @@ def test_a_bake_is_taken_over_and_shown(tmp_path):
         number = session.panel.number
         wait_for(lambda: session.panel.number > number)
     finally:
+        # Another scene must not be made while the last frame of this one is drawn.
         session.running = False
+        thread.join(60)
     assert not session.failure
 
 
