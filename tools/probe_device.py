@@ -106,6 +106,32 @@ class _Cell:
         return self.number() * 8 + bits[0] + 2 * bits[1] + 4 * bits[2]
 
 
+class _Sheets:
+    """Planes of cells; number 0 is none, where all corners count."""
+
+    def __init__(self, volume: ProbeVolume) -> None:
+        sheets, bricks = volume.sheets, volume.bricks
+        self.planes = _table(np.concatenate([np.zeros((1, 4)), sheets.plane]).astype(np.float32))
+        self.corners = _table(np.concatenate([[0xFFFF], sheets.corners]).astype(np.uint32), mi.UInt32)
+        self.cells = _table((sheets.row + 1).astype(np.uint32), mi.UInt32)
+        self.fine = None if bricks is None else _table((bricks.sheet + 1).astype(np.uint32), mi.UInt32)
+
+    def of_cell(self, cell: _Cell) -> mi.UInt32:
+        """Number of a cell's plane."""
+        return dr.gather(mi.UInt32, self.cells, cell.number())
+
+    def of_fine(self, cell: _Cell, brick, active) -> mi.UInt32:
+        """Number of the plane of a fine cell in a brick."""
+        x, y, z = cell.low
+        return dr.gather(mi.UInt32, self.fine, brick * FINE**3 + (z * FINE + y) * FINE + x, active)
+
+    def counted(self, number, f: list, active) -> mi.UInt32:
+        """Bit k: corner k counts at a position in the cell."""
+        plane = dr.gather(mi.Vector4f, self.planes, number, active)
+        over = dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), mi.Vector3f(*f)) + plane.w > 0
+        return dr.gather(mi.UInt32, self.corners, number, active) >> dr.select(over, mi.UInt32(8), 0)
+
+
 def learned(volume: ProbeVolume) -> Query:
     """Build the Dr.Jit query of a volume.
 
@@ -124,21 +150,14 @@ def learned(volume: ProbeVolume) -> Query:
     alive = volume.fallback >= 0
     back = np.where(alive, volume.fallback, 0)
     backs, known = _table(back.astype(np.uint32), mi.UInt32), mi.Bool(alive.ravel())
-    rho, bricks, sheets = _rho(volume), volume.bricks, volume.sheets
-    # Number 0 is no sheet: all corners count.
-    planes = _table(np.concatenate([np.zeros((1, 4)), sheets.plane]).astype(np.float32))
-    corners = _table(np.concatenate([[0xFFFF], sheets.corners]).astype(np.uint32), mi.UInt32)
-    of_cell = _table((sheets.row + 1).astype(np.uint32), mi.UInt32)
+    rho, bricks, sheets = _rho(volume), volume.bricks, _Sheets(volume)
     if bricks is not None:
-        of_fine = _table((bricks.sheet + 1).astype(np.uint32), mi.UInt32)
         owner, fine_nodes = _table((bricks.cell + 1).astype(np.uint32), mi.UInt32), _table(bricks.table, mi.UInt32)
         inner = mi.Float(np.concatenate([np.zeros(len(lattice), np.float32), bricks.inner]))
 
     def summed(cell, within, of, sheet):
         total, z = light.zero(), mi.Float(0)
-        plane = dr.gather(mi.Vector4f, planes, sheet, within)
-        over = dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), mi.Vector3f(*cell.f)) + plane.w > 0
-        counted = dr.gather(mi.UInt32, corners, sheet, within) >> dr.select(over, mi.UInt32(8), 0)
+        counted = sheets.counted(sheet, cell.f, within)
         for k, corner in enumerate(CORNERS):
             node, hat, u = cell.corner(corner)
             node = of(node)
@@ -157,10 +176,7 @@ def learned(volume: ProbeVolume) -> Query:
         number = dr.gather(mi.UInt32, owner, cell.number())
         within, fine = number > 0, cell.brick(dr.select(number > 0, number - 1, 0))
         of = lambda row: dr.gather(mi.UInt32, fine_nodes, row, within)  # noqa: E731
-        x, y, z_ = fine.low
-        first = dr.select(within, number - 1, 0) * FINE**3
-        sheet = dr.gather(mi.UInt32, of_fine, first + (z_ * FINE + y) * FINE + x, within)
-        more, share = summed(fine, within, of, sheet)
+        more, share = summed(fine, within, of, sheets.of_fine(fine, dr.select(within, number - 1, 0), within))
         m, t = mi.Float(0), dr.clip(share * (1 / TAKES_OVER), 0, 1)
         for corner in CORNERS:
             row, hat, _ = fine.corner(corner)
@@ -171,8 +187,7 @@ def learned(volume: ProbeVolume) -> Query:
     def query(x, n):
         y = x + n * (volume.offset * lattice.spacing)
         cell = _Cell(lattice, y)
-        sheet = dr.gather(mi.UInt32, of_cell, cell.number())
-        total, z = summed(cell, mi.Bool(True), lambda node: node, sheet)
+        total, z = summed(cell, mi.Bool(True), lambda node: node, sheets.of_cell(cell))
         if bricks is not None:
             total, z = blended(cell, total, z)
         delta = FALLBACK * dr.maximum(1 - z, 0)

@@ -27,13 +27,12 @@ from lightwell.cache.predictor import PackedWeights
 from lightwell.cache.recorded import Recorded
 from lightwell.cache.render_paths import render_path
 from lightwell.cache.temporal import LEAST_WEIGHT, NEAR_PLANE, SAME_SIDE
+from lightwell.transport.first_surfaces import past_backs
 
 # Weight of a square that shows another surface: only where no square around shows the same one does it count.
 OTHER_SURFACE = 1e-4
 # Frames in the average of light that depends on the direction of view.
 MOST_GLOSSY = 3.0
-# Backs that a camera ray passes at most.
-PASSED = 8
 
 
 class LiveSurface:
@@ -56,28 +55,9 @@ class LiveSurface:
         """Whether light may be averaged over the pixels that show it: neither a mirror nor clear glass."""
 
 
-@dr.syntax
-def past_backs(scene: Any, ray: Any) -> tuple[mi.SurfaceInteraction3f, mi.Point3f]:
-    """Find what camera rays meet first, without the backs of one-sided surfaces, which rasterisers do not draw either.
-
-    Args:
-        scene: Mitsuba scene.
-        ray: [N] camera rays.
-
-    Returns:
-        What the rays meet, and where they begin to meet it: behind what they have passed, [N] each.
-    """
-    origin, si = mi.Point3f(ray.o), scene.ray_intersect(ray, mi.RayFlags.All, True)
-    passed, active = mi.UInt32(0), si.is_valid()
-    while active:
-        front = (dr.dot(si.n, ray.d) <= 0) | mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.BackSide)
-        active &= ~front & (passed < PASSED)
-        if active:
-            origin = si.spawn_ray(ray.d).o
-            si = scene.ray_intersect(mi.Ray3f(origin, ray.d), mi.RayFlags.All, False, active)
-        active &= si.is_valid()
-        passed += 1
-    return si, origin
+def _one_sided(si: mi.SurfaceInteraction3f, _: mi.Bool) -> mi.Bool:
+    """Whether the backs of surfaces are not drawn, by their material alone: it may have been painted."""
+    return ~mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.BackSide)
 
 
 def surface_of(scene: Any, ray: Any, context: PathContext) -> tuple[LiveSurface, Any]:
@@ -92,7 +72,8 @@ def surface_of(scene: Any, ray: Any, context: PathContext) -> tuple[LiveSurface,
         Surfaces [N], and the rays that meet them: they begin behind the backs that they have passed.
     """
     start, ray = mi.Point3f(ray.o), mi.RayDifferential3f(ray)
-    si, ray.o = past_backs(scene, ray)
+    si, moved = past_backs(scene, ray, _one_sided)
+    ray.o = moved.o
     bsdf, met = si.bsdf(ray), si.is_valid()
     vertex, found = context.vertex(si, bsdf, met), LiveSurface()
     found.p, found.n = dr.select(met, si.p, 0), dr.select(met, vertex.n, 0)

@@ -6,6 +6,8 @@ light from both sides.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.transport.tables import shape_index, shape_lookup, tables
@@ -26,7 +28,10 @@ def first_drawn(scene: Scene, ray: mi.Ray3f) -> tuple[mi.SurfaceInteraction3f, m
     Returns:
         What the rays meet, and the rays that meet it: they begin behind what they have passed, [N] each.
     """
-    return _first_drawn(scene.mi, shape_lookup(scene), mi.Bool(tables(scene).culled), ray)
+    lookup, culled = shape_lookup(scene), mi.Bool(tables(scene).culled)
+    return past_backs(
+        scene.mi, ray, lambda si, active: dr.gather(mi.Bool, culled, shape_index(lookup, si.shape), active)
+    )
 
 
 def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersection3f, mi.Ray3f]:
@@ -44,14 +49,26 @@ def first_surface(scene: Scene, ray: mi.Ray3f) -> tuple[mi.PreliminaryIntersecti
 
 
 @dr.syntax
-def _first_drawn(geometry, lookup, culled, ray):
+def past_backs(
+    geometry: mi.Scene, ray: mi.Ray3f, culled: Callable[[mi.SurfaceInteraction3f, mi.Bool], mi.Bool]
+) -> tuple[mi.SurfaceInteraction3f, mi.Ray3f]:
+    """Find the first surface that is not met from a back that is culled.
+
+    Args:
+        geometry: Mitsuba scene.
+        ray: [N] rays.
+        culled: Function of surfaces [N] and a mask: whether their backs are not drawn.
+
+    Returns:
+        What the rays meet, and the rays that meet it: they begin behind what they have passed, [N] each.
+    """
     ray = mi.Ray3f(ray)
     si = geometry.ray_intersect(ray)
     passed = mi.UInt32(0)
     active = si.is_valid()
     while active:
         back = dr.dot(si.n, ray.d) > 0
-        active &= back & dr.gather(mi.Bool, culled, shape_index(lookup, si.shape), active) & (passed < PASSED)
+        active &= back & culled(si, active) & (passed < PASSED)
         if active:
             ray = si.spawn_ray(ray.d)
             si = geometry.ray_intersect(ray, active)
