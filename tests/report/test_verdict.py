@@ -39,3 +39,13 @@ def test_what_the_noise_hides_is_not_good_unless_its_bound_is():
 
 def test_without_a_cure_none_is_named():
     assert verdict({**GOOD, "psnr_db": 32.0}, cure="").text.endswith("from the reference")
+
+
+def test_faults_of_the_indirect_light_that_direct_light_outshines_are_not_said_to_be_seen():
+    """A room full of lamps: its few places without direct light have blotches, and the pictures look alike."""
+    outshone = {"psnr_db": 33.9, "flip": 0.002, "mottle": 0.105, "leak": 0.004}
+    found = verdict(outshone)
+    assert found.level == "fair" and found.text.startswith("fair: the indirect light alone differs from the reference")
+    assert "blotches" in verdict({**outshone, "flip": 0.02}).text
+    assert verdict({**outshone, "leak": 0.05}).text.startswith("poor: dark places glow")
+    assert verdict({**GOOD, "flip": 0.002}).text == "good"
