@@ -45,6 +45,8 @@ SMALL_FIELDS = {
     "volume": {"--preset": "draft", "--spacing": "1m"},
     "lightmap": {"--size": "128"},
 }
+# The 1,200 charts of this scene do not fit into the small atlas.
+LOFT_ATLAS = "1024"
 # Options that are lowered where a command has them.
 SMALLER = {"--frames": "2", "--size": "64", "--largest": "4", "--cluster": "local:1"}
 # An error budget that the first round meets; others go on for twenty.
@@ -136,6 +138,8 @@ def lowered(words: list[str]) -> list[str]:
     field = words[words.index("--field") + 1] if verb == "bake" and "--field" in words else ""
     for flag, value in SMALL_FIELDS.get(field, {}).items():
         added += [flag, value] if flag not in words else []
+    if field == "lightmap" and "loft" in words:
+        added[added.index("--size") + 1] = LOFT_ATLAS
     if "--rebake" in words:
         added = [] if field == "probes" else ["--paths", "2"]  # probes repeat the bake in OLD, paths included
     if "--preview" in words:
