@@ -7,7 +7,7 @@ from typing import Any
 
 from lightwell.backend import dr, mi
 from lightwell.cache.guide import Guide, GuidedVertex
-from lightwell.transport.path_state import is_delta, sample_light
+from lightwell.transport.path_state import aim_at_light, is_delta
 from lightwell.transport.sources import Emitters
 
 
@@ -54,7 +54,7 @@ def bounce_at(
     Returns:
         Contribution of light sampling, the next direction, its density and its weight.
     """
-    light = sample_light(scene, si, source, sampler.next_2d(), active & smooth)
+    aimed = aim_at_light(scene, si, source, sampler.next_2d(), active & smooth)
     sample1, sample2 = sampler.next_1d(), sampler.next_2d()
     picks = mi.Bool(False)
     if guide is not None and visit is not None:
@@ -62,8 +62,10 @@ def bounce_at(
         picks = sample1 < visit.share
         sample1 = dr.select(picks, sample1 / visit.share, (sample1 - visit.share) / (1 - visit.share))
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, si.to_local(light.direction), sample1, sample2, active
+        mi.BSDFContext(), si, si.to_local(aimed.direction), sample1, sample2, active
     )  # fmt: skip
+    # Most lights behind a surface, or whose back faces it, need no shadow ray.
+    light = aimed.traced(scene, active & smooth & (dr.max(value) > 0))
     if guide is not None and visit is not None:
         pdf = dr.lerp(pdf, guide.pdf(visit.row, light.direction, light.seen), visit.share)
     lit = dr.select(light.seen, value * light.weight * light.mis(pdf), 0)

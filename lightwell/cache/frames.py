@@ -26,17 +26,17 @@ LAUNCH, SMALL_LAUNCH = 1 << 21, 1 << 18
 
 Rays = tuple[Any, Any, mi.Point2f, Any]
 """Ray, weight, position on the film and source of random numbers of each lane."""
-Traced = tuple[Any, mi.Bool, mi.UInt32, mi.Float, mi.Point2f]
-"""Radiance, whether a surface was hit, length, footprint over that of the primary hit, position on the film."""
+Traced = tuple[Any, mi.Bool, mi.Point2f]
+"""Radiance, whether a surface was hit, and position on the film, of each lane."""
 
 
-def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int, pixel: mi.UInt32 | None = None) -> Rays:
+def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], lane: mi.UInt32, pixel: mi.UInt32 | None = None) -> Rays:
     """Sample camera rays with the integrator's own (0,2) sequences.
 
     Args:
         sensor: Mitsuba sensor.
         numbers: Index of the first sample of each pixel, samples per pixel of this pass (≥ 1), and seed of the image.
-        count: Number of lanes N: pixels * samples per pixel.
+        lane: [N] numbers of the lanes, from 0; N = pixels * samples per pixel.
         pixel: [N] row-major pixel of each lane, of one sample each; None: all pixels in order.
 
     Returns:
@@ -46,7 +46,6 @@ def sobol_rays(sensor: Any, numbers: Sequence[mi.UInt32], count: int, pixel: mi.
     first, spp, seed = numbers
     film = sensor.film()
     size = film.crop_size()
-    lane = dr.arange(mi.UInt32, count)
     if pixel is None:
         pixel = lane // spp
         first = first + lane - pixel * spp
@@ -127,8 +126,7 @@ def trace_pass(
         guide: ``Guide`` to sample directions from beside the BSDF; None: the BSDF alone.
 
     Returns:
-        Radiance [N], mask of rays that hit a surface [N], path length in vertices [N], footprint over that of the
-        primary hit [N], and positions on the film in pixels [N].
+        Radiance [N], mask of rays that hit a surface [N], and positions on the film in pixels [N].
     """
     context, evaluate = cache.region.context, evaluator(cache)
     return _traced(scene, rays, context, evaluate, dr.opaque(mi.Float, q), caching, estimator, first_direct, guide)
@@ -139,20 +137,18 @@ def _traced(
     estimator: str, first_direct: bool, guide: Guide | None,
 ) -> Traced:  # fmt: skip
     ray, weight, place, sampler = rays
-    L, valid, depth, ratio = render_path(
+    L, valid, _, _ = render_path(
         scene, sampler, ray, context, evaluate, q, caching, estimator, first_direct, guide
     )  # fmt: skip
     L = L * weight
     L = dr.select(dr.all(dr.isfinite(L)), L, 0)
-    return L, valid, depth, ratio, place
+    return L, valid, place
 
 
 @dataclass(frozen=True)
 class PassShape:
-    """Constants of a recorded pass."""
+    """Constants of a recorded pass; one recording serves passes of all sizes."""
 
-    N: int
-    """Lanes."""
     caching: bool
     """Whether paths may end in the cache."""
     estimator: str
@@ -189,15 +185,15 @@ def frozen_pass(model: Model, shape: PassShape) -> Callable[..., Any]:
         shape: Constants of the recording.
 
     Returns:
-        Function of (scene, sensor, context, weights, guide, q, first sample, samples per pixel, seed) with the result
-        of ``trace_pass``.
+        Function of (scene, sensor, context, weights, guide, q, lanes, first sample, samples per pixel, seed) with the
+        result of ``trace_pass``.
     """
 
     def run(
         scene: Any, sensor: Any, context: PathContext, weights: PackedWeights, guide: Guide | None, q: mi.Float,
-        first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32,
+        lane: mi.UInt32, first: mi.UInt32, spp: mi.UInt32, seed: mi.UInt32,
     ) -> Traced:  # fmt: skip
-        rays = sobol_rays(sensor, (first, spp, seed), shape.N)
+        rays = sobol_rays(sensor, (first, spp, seed), lane)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
         out = _traced(scene, rays, context, evaluate, q, shape.caching, shape.estimator, shape.first_direct, guide)
         dr.eval(out)
@@ -226,10 +222,12 @@ def sobol_pass(
     Returns:
         Result of ``trace_pass``.
     """
-    shape = PassShape(N, caching, estimator, True, film_mark(sensor), guide is not None)
+    shape = PassShape(caching, estimator, True, film_mark(sensor), guide is not None)
     context, weights = cache.region.context, cache.predictor.packed("ema")
+    lane = dr.arange(mi.UInt32, N)
+    dr.make_opaque(lane)
     return frozen_pass(cache.predictor.model, shape)(
-        scene, sensor, context, weights, guide, dr.opaque(mi.Float, q), *numbers
+        scene, sensor, context, weights, guide, dr.opaque(mi.Float, q), lane, *numbers
     )
 
 

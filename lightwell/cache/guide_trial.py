@@ -98,10 +98,12 @@ class GuideTrial:
         image = self.image
         gain = self._gain() if self._begins() else 0.0
         if gain > PROMISING and not image.cache.frozen:
-            image.guiding = True
+            image.guiding, frames = True, len(image.stats)
             train_guide(image, SECOND_SHARE)
-            self.selector.forget_guided()
-            gain = self._gain()
+            # Where the first comparison took until then, there is no other guide to compare.
+            if len(image.stats) > frames:
+                self.selector.forget_guided()
+                gain = self._gain()
         image.guiding = gain > WINNING
 
     def blocks(self) -> list[Any]:

@@ -16,9 +16,9 @@ from lightwell.cache.radiance_cache import RadianceCache
 
 # Smallest number of samples per pixel used for the limit of caustics.
 SPIKE_SAMPLES = 32
-# Passes of an image with a time limit are so many times larger while one takes less than this share of the time left:
-# samples of launches of 2^20 lanes cost 5 to 10 % less than those of 2^18 (zdm2, kenney-fps-level, recast-dungeon).
-LARGER, LARGE_SHARE = 4, 0.3
+# Passes of an image with a time limit take at most this share of the time left, and have so many lanes: samples of
+# launches of 2^22 lanes cost 5 to 10 % less than those of 2^18 (zdm2, kenney-fps-level, hello-webxr-hall).
+LARGE_SHARE, LARGE_LAUNCH = 0.75, 1 << 22
 
 
 def limit_caustics(cache: RadianceCache, samples: int) -> None:
@@ -37,18 +37,20 @@ def limit_caustics(cache: RadianceCache, samples: int) -> None:
 class TimeLimit:
     """Sizes of the passes of an image with a time limit, and when there is no time for another."""
 
-    def __init__(self, per_pass: int, end: float) -> None:
+    def __init__(self, per_pass: int, most: int, end: float, recorded: bool = False) -> None:
         """Know no pass yet.
 
         Args:
             per_pass: Samples per pixel of a small pass.
+            most: Samples per pixel of the largest one.
             end: Time at which the image should be finished, of ``time.perf_counter``.
+            recorded: Whether the kernels of the passes are compiled already.
         """
-        self.per_pass, self.end = per_pass, end
-        self.longest = 0.0
-        """Most seconds of a sample per pixel so far."""
-        self.sizes: set[int] = set()
-        """Samples per pixel of the passes so far."""
+        self.per_pass, self.most, self.end = per_pass, most, end
+        self.samples, self.seconds = 0, 0.0
+        """Samples per pixel of the passes that were timed, and their time."""
+        self.recorded = recorded
+        """Whether the time of the next pass is that of its samples alone."""
 
     def block(self, now: float, small: bool) -> int:
         """Choose the size of the next pass.
@@ -60,9 +62,13 @@ class TimeLimit:
         Returns:
             Samples per pixel.
         """
-        large = LARGER * self.per_pass
-        fits = 0 < self.longest * large < LARGE_SHARE * (self.end - now)
-        return large if fits and not small else self.per_pass
+        block = self.per_pass
+        if small or not self.samples:
+            return block
+        # Powers of two times the small one: sequences are even over whole blocks.
+        while 2 * block <= self.most and 2 * block * self.each < LARGE_SHARE * (self.end - now):
+            block *= 2
+        return block
 
     def ends(self, block: int, start: float, now: float) -> bool:
         """Take note of a pass.
@@ -75,11 +81,19 @@ class TimeLimit:
         Returns:
             Whether there is no time for another small pass.
         """
-        # The first pass of a size may compile kernels.
-        if block in self.sizes:
-            self.longest = max(self.longest, (now - start) / block)
-        self.sizes.add(block)
-        return now + self.longest * self.per_pass > self.end
+        if self.recorded:
+            self.samples, self.seconds = self.samples + block, self.seconds + now - start
+        self.recorded = True
+        return now + self.each * self.per_pass > self.end
+
+    @property
+    def each(self) -> float:
+        """Return the mean time of a sample per pixel.
+
+        Returns:
+            Seconds; 0 while no pass has been timed.
+        """
+        return self.seconds / max(self.samples, 1)
 
 
 class ImagePasses:
@@ -111,7 +125,8 @@ class ImagePasses:
         two_level = estimator == "two-level" and image.caching
         per_pass, trains = self._per_pass(), not image.still and self.learns
         done, aside = self._trial() if has_trial(image) else (self._pilot(per_pass), 0)
-        limit = TimeLimit(per_pass, image.began + self.settings.image.seconds)
+        most, end = max(per_pass, LARGE_LAUNCH // self.pixels), image.began + self.settings.image.seconds
+        limit = TimeLimit(per_pass, most, end, recorded=done > 0)
         while done < image.spp or self.timed:
             start = time.perf_counter()
             block = limit.block(start, trains) if self.timed else min(per_pass, image.spp - done)
@@ -231,7 +246,7 @@ class ImagePasses:
         reservoirs = s.first_hit != "nee" and estimator != "difference"
         if not reservoirs and self.settings.image.sampling == "sobol":
             numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
-            L, valid, _, _, place = frames.sobol_pass(
+            L, valid, place = frames.sobol_pass(
                 scene, sensor, cache, numbers, self.pixels * block, estimator, q, image.caching, guide
             )  # fmt: skip
             return frames.splat(self.film, L, valid, place, block >= 4)
@@ -240,9 +255,7 @@ class ImagePasses:
             L, valid = image.reservoirs.bounced(scene, cache, rays, sensor, block, image.caching)
             return frames.splat(self.film, L * rays[1], valid, rays[2], block >= 4)
         direct = image.reservoirs.direct(scene, rays, sensor, block) if reservoirs else mi.Spectrum(0)
-        L, valid, _, _, place = frames.trace_pass(
-            scene, cache, rays, estimator, q, not reservoirs, image.caching, guide
-        )
+        L, valid, place = frames.trace_pass(scene, cache, rays, estimator, q, not reservoirs, image.caching, guide)
         return frames.splat(self.film, L + direct * rays[1], valid, place, block >= 4)
 
     def rays(self, seed: int, done: int, block: int, spp: int) -> frames.Rays:
@@ -265,7 +278,7 @@ class ImagePasses:
             sampler.seed(seed + done, self.pixels * block)
             return frames.sampled_rays(sensor, sampler, block)
         numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
-        return frames.sobol_rays(sensor, numbers, self.pixels * block)
+        return frames.sobol_rays(sensor, numbers, dr.arange(mi.UInt32, self.pixels * block))
 
 
 def mixed_seed(seed: int) -> int:

@@ -141,7 +141,7 @@ def frozen_samples(model: Model, shape: SampleShape) -> Callable[..., Any]:
         row = lane // half
         column = lane - row * half
         pixel = dr.minimum(2 * row + y, size - 1) * size + dr.minimum(2 * column + x, size - 1)
-        ray, weight, _, sampler = sobol_rays(sensor, (first, mi.UInt32(1), seed), half * half, pixel)
+        ray, weight, _, sampler = sobol_rays(sensor, (first, mi.UInt32(1), seed), lane, pixel)
         surface, ray = surface_of(scene, ray, context)
         evaluate = lambda v, active: model.radiance(weights[0], v, weights[1])  # noqa: E731
         L, *_ = render_path(

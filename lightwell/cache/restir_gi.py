@@ -18,7 +18,7 @@ from lightwell.cache.path_context import PathContext
 from lightwell.cache.path_loop import CachePath
 from lightwell.cache.render_paths import render_path
 from lightwell.cache.reservoir_merge import first_hit
-from lightwell.transport.path_state import is_delta, sample_light
+from lightwell.transport.path_state import aim_at_light, is_delta
 from lightwell.transport.sources import Emitters
 
 
@@ -125,8 +125,9 @@ def direct_light(scene: Any, source: Emitters, si: Any, bsdf: Any, sampler: Any,
     Returns:
         [N] weighted radiance.
     """
-    light = sample_light(scene, si, source, sampler.next_2d(), active)
-    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(light.direction), light.seen)
+    aimed = aim_at_light(scene, si, source, sampler.next_2d(), active)
+    value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(aimed.direction), active)
+    light = aimed.traced(scene, active & (dr.max(value) > 0))
     return dr.select(light.seen, value * light.weight * light.mis(pdf), 0)
 
 

@@ -62,31 +62,32 @@ def unit(x: mi.UInt32) -> mi.Float:
     return dr.minimum(mi.Float(x) * 2.0**-32, ONE_MINUS_EPSILON)
 
 
-def point(index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
+def point(reversed_index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
     """Compute a point of a shuffled and scrambled (0,2) sequence.
 
     Args:
-        index: [N] index of the point.
-        seed: Seed of shuffle and scramble.
+        reversed_index: [N] index of the point, its bits reversed.
+        seed: Seed of shuffle and scramble, hashed.
 
     Returns:
         Both coordinates as 32-bit fractions, [N] each.
     """
     # Shuffle: an Owen scramble of the index keeps its blocks of powers of two together.
-    index = dr.brev(owen(dr.brev(index), mixed(seed)))
+    index = dr.brev(owen(reversed_index, seed))
     second = index
     for step, mask in PASCAL:
         second = second ^ ((second & mi.UInt32(mask)) >> step)
-    # The radical inverse reverses the bits; scrambling works on reversed bits: the two cancel.
-    x = dr.brev(owen(index, mixed(seed + mi.UInt32(GOLDEN))))
-    y = dr.brev(owen(second, mixed(seed + mi.UInt32(GOLDEN * 2 & 0xFFFFFFFF))))
-    return x, y
+    # The radical inverse reverses the bits; scrambling works on reversed bits: the two cancel. The halves of one hash
+    # are exchanged for the second coordinate: only differences below 2^-16 depend on the first one's.
+    seed = mixed(seed ^ mi.UInt32(GOLDEN))
+    x, y = owen(index, seed), owen(second, (seed << 16) | (seed >> 16))
+    return dr.brev(x), dr.brev(y)
 
 
 class SobolSampler:
     """Random numbers of one sample of one pixel, with the methods of a Mitsuba sampler that paths call."""
 
-    DRJIT_STRUCT = {"index": mi.UInt32, "seed": mi.UInt32, "dimension": mi.UInt32}  # noqa: RUF012
+    DRJIT_STRUCT = {"reversed": mi.UInt32, "seed": mi.UInt32, "dimension": mi.UInt32}  # noqa: RUF012
 
     def __init__(self, index: mi.UInt32 | None = None, seed: mi.UInt32 | None = None) -> None:
         """Start at the first dimension of a sample.
@@ -95,7 +96,7 @@ class SobolSampler:
             index: [N] index of the sample in its pixel; None: 0.
             seed: [N] seed of the pixel; None: 0.
         """
-        self.index = mi.UInt32(0) if index is None else mi.UInt32(index)
+        self.reversed = mi.UInt32(0) if index is None else dr.brev(mi.UInt32(index))
         self.seed = mi.UInt32(0) if seed is None else mi.UInt32(seed)
         self.dimension = mi.UInt32(0)
 
@@ -109,7 +110,7 @@ class SobolSampler:
             [N] points in [0, 1)^2.
         """
         self.dimension += 1
-        x, y = point(self.index, mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN))))
+        x, y = point(self.reversed, mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN))))
         return mi.Point2f(unit(x), unit(y))
 
     def next_1d(self, active: mi.Bool | bool = True) -> mi.Float:
@@ -123,8 +124,8 @@ class SobolSampler:
         """
         self.dimension += 1
         seed = mixed(self.seed ^ (self.dimension * mi.UInt32(GOLDEN)))
-        index = dr.brev(owen(dr.brev(self.index), mixed(seed)))
-        return unit(dr.brev(owen(index, mixed(seed + mi.UInt32(GOLDEN)))))
+        index = dr.brev(owen(self.reversed, seed))
+        return unit(dr.brev(owen(index, mixed(seed ^ mi.UInt32(GOLDEN)))))
 
 
 def draws(pixel: mi.UInt32, index: mi.UInt32, seed: mi.UInt32) -> SobolSampler:

@@ -64,7 +64,7 @@ def _image(values: mi.Color3f, sensor: Any, spp: int) -> np.ndarray:
 def _rays(sensor: Any, spp: int, seed: int) -> Rays:
     width, height = (int(x) for x in sensor.film().crop_size())
     numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (0, spp, seed)]
-    return sobol_rays(sensor, numbers, width * height * spp)
+    return sobol_rays(sensor, numbers, dr.arange(mi.UInt32, width * height * spp))
 
 
 def guides(scene: Any, sensor: Any, cache: RadianceCache, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_state import PathState, is_delta, sample_light
+from lightwell.transport.path_state import PathState, aim_at_light, is_delta
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
 from lightwell.transport.radiance import LAUNCH
 from lightwell.transport.samples import SurfacePoints
@@ -217,11 +217,13 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
 
         # -------------- Emitter sampling, and the next direction --------------
 
-        lamp = sample_light(scene, si, source, next_2d(rng), goes & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
+        smooth = goes & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        aimed = aim_at_light(scene, si, source, next_2d(rng), smooth)
         v = next_2d(rng)
         value, pdf, sample, weight = bsdf.eval_pdf_sample(
-            mi.BSDFContext(), si, si.to_local(lamp.direction), rng.next_float32(), v, goes
+            mi.BSDFContext(), si, si.to_local(aimed.direction), rng.next_float32(), v, goes
         )
+        lamp = aimed.traced(scene, smooth & (dr.max(value) > 0))
         arriving += dr.select(lamp.seen, path.β * lamp.mis(pdf) * value * lamp.weight, 0)
 
         # ------------------- Loop variables and stopping criterion -------------------
@@ -243,11 +245,14 @@ def _first_vertex(scene, si, source, rng, lobe, direction):
     """
     bsdf = si.bsdf()
     facing = dr.sign(mi.Frame3f.cos_theta(si.wi))
-    lamp = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
-    wo = si.to_local(lamp.direction)
-    value, pdf = own_eval_pdf(si, bsdf, wo, lamp.seen)
+    smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    aimed = aim_at_light(scene, si, source, next_2d(rng), smooth)
+    wo = si.to_local(aimed.direction)
+    value, pdf = own_eval_pdf(si, bsdf, wo, smooth)
+    towards = facing * mi.Frame3f.cos_theta(wo)
+    lamp = aimed.traced(scene, smooth & ((towards > 0) | (dr.max(value) > 0)))
     lit = dr.select(lamp.seen, lamp.mis(pdf) * lamp.weight, 0)
-    E = lit * dr.maximum(facing * mi.Frame3f.cos_theta(wo), 0) * dr.inv_pi
+    E = lit * dr.maximum(towards, 0) * dr.inv_pi
     sample, weight = own_sample(si, bsdf, lobe, direction)
     cosine = dr.maximum(facing * mi.Frame3f.cos_theta(sample.wo), 0)
     diffuse_weight = dr.select(sample.pdf > 0, cosine * dr.inv_pi / sample.pdf, 0)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lightwell.backend import dr, mi
-from lightwell.transport.panes import unblocked
+from lightwell.transport.panes import Panes, unblocked
 from lightwell.transport.sources import Source
 
 # Largest survival probability of the roulette; Mitsuba's path integrator.
@@ -86,9 +86,44 @@ class LightSample:
         return dr.select(self.delta, 1, power_heuristic(self.pdf, bsdf_pdf))
 
 
-def sample_light(scene: mi.Scene, si: mi.SurfaceInteraction3f, source: Source, u: mi.Point2f, active: mi.Bool
-) -> LightSample:  # fmt: skip
-    """Sample a light at vertices, and trace the shadow ray.
+@dataclass
+class AimedRay:
+    """Direction to a light at each vertex, not known to be visible. It is not a loop variable."""
+
+    direction: mi.Vector3f
+    """[N] towards the light, unit, world space."""
+    weight: mi.Spectrum
+    """[N] radiance over density; irradiance for lights without extent."""
+    pdf: mi.Float
+    """[N] density per steradian."""
+    delta: mi.Bool
+    """[N] whether the light has no extent."""
+    ray: mi.Ray3f
+    """[N] shadow rays."""
+    panes: Panes | None
+    """What they may pass; None: nothing."""
+
+    def traced(self, scene: mi.Scene, active: mi.Bool) -> LightSample:
+        """Trace the shadow rays.
+
+        Args:
+            scene: Mitsuba scene.
+            active: [N] lanes whose surface reflects light from the direction.
+
+        Returns:
+            The samples; not seen where ``active`` is false.
+        """
+        T, chance = unblocked(scene, self.panes, self.ray, active & (dr.max(self.weight) > 0), self.delta)
+        return LightSample(self.direction, self.weight * T, self.pdf, self.delta, chance > 0, chance)
+
+
+def aim_at_light(
+    scene: mi.Scene, si: mi.SurfaceInteraction3f, source: Source, u: mi.Point2f, active: mi.Bool
+) -> AimedRay:  # fmt: skip
+    """Sample a light at vertices; ``traced`` then asks whether it is visible where the surface reflects its light.
+
+    Of the directions many lie below the surface: their shadow rays would be traced for nothing (a path costs 7 % less
+    without them: zdm2, kenney-fps-level, hello-webxr-hall).
 
     Args:
         scene: Mitsuba scene.
@@ -98,11 +133,9 @@ def sample_light(scene: mi.Scene, si: mi.SurfaceInteraction3f, source: Source, u
         active: [N] lanes whose BSDF reflects light from such a direction.
 
     Returns:
-        The samples.
+        The directions, and rays to the lights.
     """
-    direction, weight, pdf, delta, shadow = source.sample(scene, si, u, active)
-    T, chance = unblocked(scene, source.panes, shadow, active & (dr.max(weight) > 0), delta)
-    return LightSample(direction, weight * T, pdf, delta, chance > 0, chance)
+    return AimedRay(*source.sample(scene, si, u, active), source.panes)
 
 
 class PathState:

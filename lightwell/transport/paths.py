@@ -21,7 +21,7 @@ from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import own_eval_pdf, own_sample
 from lightwell.transport.panes import first_stop
 from lightwell.transport.path_numbers import next_2d
-from lightwell.transport.path_state import PathState, is_delta, power_heuristic, sample_light
+from lightwell.transport.path_state import PathState, aim_at_light, is_delta, power_heuristic
 from lightwell.transport.sources import Source
 
 # Longest path, counted as Mitsuba does (2 = direct light). In a closed room of albedo 0.8 longer ones hold 0.1 %.
@@ -159,10 +159,11 @@ def _next_vertex(scene, si, bsdf, source, rng, active, rays):
     Returns radiance (without the throughput up to here), the BSDF sample and its weight.
     """
     smooth = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-    light = sample_light(scene, si, source, next_2d(rng), smooth)
+    aimed = aim_at_light(scene, si, source, next_2d(rng), smooth)
     value, pdf, sample, weight = bsdf.eval_pdf_sample(
-        mi.BSDFContext(), si, si.to_local(light.direction), rng.next_float32(), next_2d(rng), active
+        mi.BSDFContext(), si, si.to_local(aimed.direction), rng.next_float32(), next_2d(rng), active
     )
+    light = aimed.traced(scene, smooth & (dr.max(value) > 0))
     mis = light.mis(pdf)
     if rays is not None:
         both, by_bsdf = rays
@@ -200,8 +201,10 @@ def _connect(scene, si, bsdf, source, z, active, see_through=True) -> mi.Spectru
 
 def _direct(scene, si, bsdf, source, rng, see_through, whole) -> mi.Spectrum:
     """Estimate direct light of the source at ``si``: one emitter sample with its MIS weight; all of it, or no sun."""
-    light = sample_light(scene, si, source, next_2d(rng), mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth))
-    value, pdf = _value(si, bsdf, light.direction, light.seen, see_through)
+    smooth = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+    aimed = aim_at_light(scene, si, source, next_2d(rng), smooth)
+    value, pdf = _value(si, bsdf, aimed.direction, smooth, see_through)
+    light = aimed.traced(scene, smooth & (dr.max(value) > 0))
     return dr.select(light.seen & (mi.Bool(whole) | ~light.delta), light.mis(pdf) * value * light.weight, 0)
 
 
