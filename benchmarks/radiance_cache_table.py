@@ -27,6 +27,8 @@ import numpy as np
 from radiance_cache_runs import cold, timed
 from radiance_cache_truth import EPSILON, Truth, path_tracer, truth_of
 from rows import Row, at_least, at_most, without_bar
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from lightwell.backend import mi
 from lightwell.core.color import display
@@ -132,8 +134,14 @@ def table_rows(found: dict[str, Figures], plan: Figures) -> list[Row]:
         for words, bar, fold in (("least", 0.95, min), ("median", 1.5, np.median)):
             what = f"table: relMSE of path over guided, {words} of the scenes {half}"
             rows.append(at_least(what, bar, _over(found, half, "guided", "relMSE", fold), "ratio"))
-    z = max(f["z"] for f in found.values()) if set(found) == set(HALVES) else None
-    return [*rows, at_most("table: largest z of the mean of guided against path", Z, z, "sigma")]
+    z = max(normal(f["z"], f["repeats"]) for f in found.values()) if set(found) == set(HALVES) else None
+    note = "Student's t of each scene, as the deviation of a normal distribution that is as rare"
+    return [*rows, at_most("table: largest z of the mean of guided against path", Z, z, "sigma", note)]
+
+
+def normal(t: float, repeats: int) -> float:
+    """The deviation of a normal distribution that is as rare as t of Student's with two sides of so many stills."""
+    return float(norm.isf(student.sf(t, 2 * repeats - 2))) if repeats > 1 else 0.0
 
 
 def geometric(values: list[float]) -> float:
@@ -153,7 +161,7 @@ def _note(f: Figures, side: str, plan: Figures) -> str:
     """All errors of a scene, those of ``path`` in brackets."""
     ours, pt = f["sides"][side], f["sides"]["path"]
     listed = ", ".join(f"{e} {ours[e]:.3g} ({pt[e]:.3g})" for e in (*SQUARED, *ABSOLUTE, "energy"))
-    kind = f"; guided {ours['guided']:.0f}, z {f['z']:.2f}" if side == "guided" else ""
+    kind = f"; guided {ours['guided']:.0f}, t {f['z']:.2f}" if side == "guided" else ""
     return (
         f"{listed}; {ours['wall']:.2f} s ({ours['train']:.2f} s training, {ours['samples']:.0f} spp) against "
         f"{pt['samples']:.0f} spp in {pt['wall']:.2f} s at {plan['size']}^2, {f['repeats']} repeats{kind}"
