@@ -17,7 +17,7 @@ REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
 YOUNG = 48
 # Frames of training before a still: largest share of pixels, records, first side of the tiles, and their slack.
 STILL_FRACTION, STILL_RECORDS, STILL_SIDE, STILL_SLACK = 1.0, 1 << 17, 2.0, 0.4
-# The first frames before a still find out whether training pays: their tiles are so many times wider.
+# The first frames before a still with a time limit find out whether training pays: their tiles are so many times wider.
 PROBES, PROBE_SIDE = 2, 2.0
 # budget=auto: training takes this share of a frame's time at most.
 TRAINING_SHARE = 0.25
@@ -101,7 +101,7 @@ class FrameSchedule:
             The controller, with the number of records of the next frame as its target.
         """
         large = self.still or self.eager
-        if self.still and self.frame < PROBES and self._settings.caching:
+        if self.still and self.frame < PROBES and self._settings.caching and self._settings.image.seconds > 0:
             tiles = Tiles(1, STILL_FRACTION, PROBE_SIDE * STILL_SIDE, STILL_SLACK)
             tiles.target = STILL_RECORDS
             return tiles

@@ -135,7 +135,8 @@ def aim_at_light(
     Returns:
         The directions, and rays to the lights.
     """
-    return AimedRay(*source.sample(scene, si, u, active), source.panes)
+    direction, weight, pdf, delta, ray = source.sample(scene, si, u, active)
+    return AimedRay(direction, weight, pdf, delta, ray, source.panes)
 
 
 class PathState:

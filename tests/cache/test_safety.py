@@ -108,15 +108,16 @@ def test_rays_of_earlier_cameras_are_kept_and_traced_again():
     assert 0.25 < (starts < 0).mean() < 0.75 and (starts > 0).any()
 
 
-def test_the_first_frames_before_a_still_are_small():
+@pytest.mark.parametrize("seconds", [0.0, 10.0])
+def test_the_first_frames_before_a_still_with_a_time_limit_are_small(seconds):
     # They find out whether training pays; where it does not, what they took is lost.
-    schedule, paths = FrameSchedule(settings_of({"mode": "still"})), []
+    schedule, paths = FrameSchedule(settings_of({"mode": "still", "seconds": seconds})), []
     schedule.still = True
     for _ in range(3):
         columns, rows, *_ = schedule.tiles_of(256, 256).grid(256, 256)
         paths.append(columns * rows)
         schedule.finish_frame()
-    assert paths[0] == paths[1] == paths[2] / 4
+    assert paths[0] == paths[1] == (paths[2] / 4 if seconds else paths[2])
 
 
 def test_an_automatic_budget_takes_fewer_steps_where_training_is_dear():
