@@ -279,7 +279,7 @@ def test_a_sequence_resumes_and_refuses_another_plan(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.3, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0])
 def test_an_interrupt_at_any_time_is_exit_code_130_and_quiet(delay):
-    command = [sys.executable, "-m", "lightwell", "live", "cornell", "--no-open", "--size", "32"]
+    command = [sys.executable, "-m", "lightwell", "live", "cornell", "--no-open", "--size", "64"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # From imports over the scene and the compilation of kernels to the first frames.
     time.sleep(delay)
