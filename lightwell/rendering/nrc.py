@@ -37,6 +37,9 @@ class Film:
         lamp = None
         if shot.light is not None or shot.intensity is not None:
             lamp = Lamp(shot.good_light, 1.0 if shot.intensity is None else shot.intensity)
+        elif not shot.scene.mi.emitters():
+            # In free air, in front of the camera: the middle of the scene may lie in a wall.
+            lamp = Lamp(shot.good_light, shot.scene.core_extent**2)
         self.live = LiveScene(shot.scene, 16, shot.camera, lamp)
         self.spp = settings.spp
         self.exposure = None if shot.intensity is None else 1.0

@@ -14,6 +14,7 @@ import pytest
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, settings_of
 from lightwell.cache.settings import parse_options
+from lightwell.rendering.nrc import Film
 from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
 
@@ -138,3 +139,10 @@ def test_a_denoised_still_is_path_traced_unless_it_is_blended():
         nrc = NrcIntegrator(settings=settings_of({**LITTLE, "mode": "still", "denoise": True, "denoise_cache": blends}))
         mi.render(scene, integrator=nrc, spp=8, seed=1)
         assert nrc.last.caching == blends and bool(nrc.last.stats) == blends
+
+
+def test_a_scene_without_light_has_a_lamp_in_free_air(tmp_path):
+    # The middle of a scene, where it once was, may lie in a wall: pictures were black.
+    film = Film(RenderSettings("two-rooms", tmp_path / "a.png", (16, 12), 4, integrator="nrc"))
+    np.testing.assert_allclose(film.live.lamp.place, film.shot.good_light)
+    assert film.render(mi.load_dict({"type": "path"}), 1).mean() > 1e-3
