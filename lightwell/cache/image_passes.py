@@ -37,7 +37,7 @@ def limit_caustics(cache: RadianceCache, samples: int) -> None:
 class TimeLimit:
     """Sizes of the passes of an image with a time limit, and when there is no time for another."""
 
-    def __init__(self, per_pass: int, most: int, end: float, recorded: bool = False) -> None:
+    def __init__(self, per_pass: int, most: int, end: float, recorded: bool = False, pairs: bool = False) -> None:
         """Know no pass yet.
 
         Args:
@@ -45,12 +45,15 @@ class TimeLimit:
             most: Samples per pixel of the largest one.
             end: Time at which the image should be finished, of ``time.perf_counter``.
             recorded: Whether the kernels of the passes are compiled already.
+            pairs: Whether every second pass is as large as the one before it, so that both halves of an image are.
         """
         self.per_pass, self.most, self.end = per_pass, most, end
         self.samples, self.seconds = 0, 0.0
         """Samples per pixel of the passes that were timed, and their time."""
         self.recorded = recorded
         """Whether the time of the next pass is that of its samples alone."""
+        self.pairs, self.first = pairs, 0
+        """Samples per pixel of the first pass of a pair whose second comes next; 0: none."""
 
     def block(self, now: float, small: bool) -> int:
         """Choose the size of the next pass.
@@ -62,11 +65,12 @@ class TimeLimit:
         Returns:
             Samples per pixel.
         """
-        block = self.per_pass
-        if small or not self.samples:
+        block = self.first or self.per_pass
+        if small or self.first or not self.samples:
             return block
+        share = LARGE_SHARE / 2 if self.pairs else LARGE_SHARE
         # Powers of two times the small one: sequences are even over whole blocks.
-        while 2 * block <= self.most and 2 * block * self.each < LARGE_SHARE * (self.end - now):
+        while 2 * block <= self.most and 2 * block * self.each < share * (self.end - now):
             block *= 2
         return block
 
@@ -84,6 +88,7 @@ class TimeLimit:
         if self.recorded:
             self.samples, self.seconds = self.samples + block, self.seconds + now - start
         self.recorded = True
+        self.first = block if self.pairs and not self.first else 0
         return now + self.each * self.per_pass > self.end
 
     @property
@@ -126,7 +131,7 @@ class ImagePasses:
         per_pass, trains = self._per_pass(), not image.still and self.learns
         done, aside = self._trial() if has_trial(image) else (self._pilot(per_pass), 0)
         most, end = max(per_pass, LARGE_LAUNCH // self.pixels), image.began + self.settings.image.seconds
-        limit = TimeLimit(per_pass, most, end, recorded=done > 0)
+        limit = TimeLimit(per_pass, most, end, recorded=done > 0, pairs=self.half is not None)
         while done < image.spp or self.timed:
             start = time.perf_counter()
             block = limit.block(start, trains) if self.timed else min(per_pass, image.spp - done)

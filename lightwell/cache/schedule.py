@@ -102,9 +102,7 @@ class FrameSchedule:
         """
         large = self.still or self.eager
         if self.still and self.frame < PROBES and self._settings.caching and self._settings.image.seconds > 0:
-            tiles = Tiles(1, STILL_FRACTION, PROBE_SIDE * STILL_SIDE, STILL_SLACK)
-            tiles.target = STILL_RECORDS
-            return tiles
+            return Tiles(STILL_RECORDS, STILL_FRACTION, PROBE_SIDE * STILL_SIDE, STILL_SLACK)
         key = (width, height, large)
         if key not in self._tiles:
             fraction = self._settings.training.train_fraction_max

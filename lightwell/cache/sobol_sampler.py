@@ -77,8 +77,8 @@ def point(reversed_index: mi.UInt32, seed: mi.UInt32) -> tuple[mi.UInt32, mi.UIn
     second = index
     for step, mask in PASCAL:
         second = second ^ ((second & mi.UInt32(mask)) >> step)
-    # The radical inverse reverses the bits; scrambling works on reversed bits: the two cancel. The halves of one hash
-    # are exchanged for the second coordinate: only differences below 2^-16 depend on the first one's.
+    # The radical inverse reverses the bits; scrambling works on reversed bits: the two cancel. A bit is flipped by
+    # hash bits that are not above it: with the halves of the hash exchanged, the first 16 bits of both share none.
     seed = mixed(seed ^ mi.UInt32(GOLDEN))
     x, y = owen(index, seed), owen(second, (seed << 16) | (seed >> 16))
     return dr.brev(x), dr.brev(y)

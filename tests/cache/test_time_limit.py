@@ -20,6 +20,17 @@ def test_a_first_pass_whose_kernels_are_there_is_timed():
     assert not limit.ends(4, 0.0, 0.4) and limit.block(0.4, False) == 64
 
 
+def test_halves_of_an_image_have_as_many_samples():
+    limit, now, sizes = TimeLimit(4, 64, 10.0, pairs=True), 0.0, []
+    while True:
+        sizes.append(limit.block(now, False))
+        start, now = now, now + 0.05 * sizes[-1]
+        if limit.ends(sizes[-1], start, now):
+            break
+    assert max(sizes) > 4 and now <= 10.0
+    assert sizes[::2][: len(sizes) // 2] == sizes[1::2]
+
+
 def test_an_image_ends_where_another_small_pass_would_be_late():
     limit = TimeLimit(4, 64, 1.0)
     assert not limit.ends(4, 0.0, 0.1) and not limit.ends(4, 0.1, 0.5)
