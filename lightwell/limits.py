@@ -102,6 +102,8 @@ class Limits:
         return LoadBudget(self, where, error)
 
 
+# Memory that parsed JSON takes, in bytes per byte of text (measured on lists of small nodes and of numbers).
+JSON_EXPANSION = 8
 NAMES = tuple(field.name for field in fields(Limits))
 DEFAULT_LIMITS = Limits()
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.limits import Limits
+from lightwell.limits import JSON_EXPANSION, Limits, LoadBudget
 
 MAGIC = b"glTF"
 VERSION = 2
@@ -149,11 +149,12 @@ def pack(document: dict[str, Any], binary: bytes) -> bytes:
     return MAGIC + struct.pack("<II", VERSION, HEADER_BYTES + len(body)) + body
 
 
-def unpack(data: bytes) -> tuple[dict[str, Any], bytes]:
+def unpack(data: bytes, budget: LoadBudget | None = None) -> tuple[dict[str, Any], bytes]:
     """Split a GLB file into its JSON and its binary chunk.
 
     Args:
         data: The bytes of the file.
+        budget: Counts the memory of the JSON; None for a file of our own.
 
     Returns:
         The glTF JSON, and the content of the binary chunk (empty when there is none).
@@ -171,6 +172,8 @@ def unpack(data: bytes) -> tuple[dict[str, Any], bytes]:
     chunks = _chunks(data, length)
     if not chunks or chunks[0][0] != JSON_CHUNK:
         raise ValueError("its first chunk is not JSON")
+    if budget is not None:
+        budget.charge("decoded_bytes", JSON_EXPANSION * len(chunks[0][1]), "its JSON")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == BINARY_CHUNK else b""
     return parse_json(chunks[0][1]), binary
 
@@ -258,7 +261,7 @@ def read_file(path: str | Path, limits: Limits | None = None) -> tuple[dict[str,
     try:
         budget.charge("file_bytes", Path(path).stat().st_size)
         with refusing(path):
-            return unpack(Path(path).read_bytes())
+            return unpack(Path(path).read_bytes(), budget)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise ValueError(f"asset: '{path}' cannot be opened: {reason}; give the path of a .glb file") from error

@@ -36,10 +36,11 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     except ValueError as error:
         return [str(error)]
     problems = []
-    if EXTENSION not in document.get("extensionsUsed", ()):
-        problems.append(f"extensionsUsed: {EXTENSION} is missing; list it")
-    if EXTENSION in document.get("extensionsRequired", ()):
-        problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
+    with refusing(path):
+        if EXTENSION not in document.get("extensionsUsed", ()):
+            problems.append(f"extensionsUsed: {EXTENSION} is missing; list it")
+        if EXTENSION in document.get("extensionsRequired", ()):
+            problems.append(f"extensionsRequired: {EXTENSION} must be optional; remove it")
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
         problems += _missing_coordinates(document, wanted) + _missing_nodes(document) + _missing_environment(document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,12 @@ def describe(path: str, **loading: Any) -> dict[str, Any]:
 def _is_baked(path: Path) -> bool:
     from lightwell.asset.records import EXTENSION
 
-    return EXTENSION.encode() in path.read_bytes()
+    # Mapped, not read: what it holds is checked by its reader, within the limits.
+    with path.open("rb") as file:
+        if not path.stat().st_size:
+            return False
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            return data.find(EXTENSION.encode()) >= 0
 
 
 def _scene_facts(path: str, loading: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from lightwell.backend import mi
 from lightwell.scenes.assemble_bsdf import Bsdfs, textures, uv_set
-from lightwell.scenes.assemble_lights import area_light, punctual
+from lightwell.scenes.assemble_lights import AreaLights, punctual
 from lightwell.scenes.assemble_meshes import checked, clean, mirrored_uv, mitsuba_mesh, warn_of_dropped
 from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.errors import SceneError
@@ -67,17 +67,18 @@ def assemble(
     found = list(warnings)
     warn = found.append
     kept = _kept(name, meshes, len(materials), warn)
-    factory = Bsdfs(list(materials), warn)
+    factory, glowing = Bsdfs(list(materials), warn), AreaLights()
     description: dict[str, Any] = {"type": "scene"}
     records: list[Mesh] = []
     for number, mesh in kept:
         own_bsdf = bsdfs[number] if bsdfs is not None else None
         own_light = area_lights[number] if area_lights is not None else None
-        record, shape = _shape(mesh, materials[mesh.material], factory, own_bsdf, own_light)
+        record, shape = _shape(mesh, materials[mesh.material], factory, glowing, own_bsdf, own_light)
         description[f"mesh_{len(records):06d}"] = shape
         records.append(record)
     _add_emitters(description, lights, environment, emitters, warn)
     built = mi.load_dict(description, optimize=False)
+    index_of = {number: index for index, (number, _) in enumerate(kept)}
     return Scene(
         name=name,
         meshes=records,
@@ -88,7 +89,7 @@ def assemble(
         warnings=list(dict.fromkeys(found)),
         source=source,
         digest=digest,
-        nodes=tuple(_of_kept(node, {number: index for index, (number, _) in enumerate(kept)}) for node in nodes),
+        nodes=tuple(_of_kept(node, index_of) for node in nodes),
         clips=tuple(clips),
         read_clip=read_clip if clips else None,
         light_clips=light_clips,
@@ -120,7 +121,9 @@ def _kept(
     return kept
 
 
-def _shape(mesh: Mesh, material: Material, factory: Bsdfs | None, own_bsdf: Any, own_light: Any) -> tuple[Mesh, Any]:
+def _shape(
+    mesh: Mesh, material: Material, factory: Bsdfs | None, glowing: AreaLights, own_bsdf: Any, own_light: Any
+) -> tuple[Mesh, Any]:
     """Make the Mitsuba mesh of a record; returns the record with its emission, and the mesh. Without a factory the BSDF
     is one that a factory has made."""
     uv = (mesh.uv0, mesh.uv1)[min(uv_set(material), 1)]
@@ -139,24 +142,25 @@ def _shape(mesh: Mesh, material: Material, factory: Bsdfs | None, own_bsdf: Any,
         if uv is None and textures(material):
             uv = np.zeros((len(mesh.positions), 2), np.float32)
     if own_light is None and max(material.emissive) > 0:
-        own_light, emission = area_light(material)
+        own_light, emission = glowing(material)
         mesh = replace(mesh, emission=emission)
     shape = mitsuba_mesh(mesh, own_bsdf, emitter=own_light, uv=uv, colors=colors, alpha=alpha)
     return mesh, shape
 
 
-def posed_mesh(mesh: Mesh, material: Material, shape: Any) -> Any:
+def posed_mesh(mesh: Mesh, material: Material, shape: Any, glowing: AreaLights) -> Any:
     """Make the Mitsuba mesh of a moved mesh.
 
     Args:
         mesh: The mesh in its pose.
         material: Its material.
         shape: The Mitsuba mesh at rest, whose BSDF is shared.
+        glowing: Makes its area light if it has one.
 
     Returns:
         The Mitsuba mesh.
     """
-    return _shape(mesh, material, None, shape.bsdf(), None)[1]
+    return _shape(mesh, material, None, glowing, shape.bsdf(), None)[1]
 
 
 def _add_emitters(

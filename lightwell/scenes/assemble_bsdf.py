@@ -191,14 +191,22 @@ class Bsdfs:
         if texture is None:
             value = float(opacity(np.float32(1)))
             return None if value == 1 else value
-        pixels = opacity(raw_pixels(texture.image, slice(3, 4)).astype(np.float32))
-        return None if pixels.min() == 1 else bitmap(pixels, texture, nearest=masked or texture.nearest)
+        use = ("opacity", factor, material.alpha_cutoff if masked else None)
+        if self._key(texture, use) not in self._textures:
+            pixels = opacity(raw_pixels(texture.image, slice(3, 4)).astype(np.float32))
+            made = None if pixels.min() == 1 else bitmap(pixels, texture, nearest=masked or texture.nearest)
+            self._textures[self._key(texture, use)] = made
+        return self._textures[self._key(texture, use)]
 
     def _shared(self, texture: Texture, use: tuple[Any, ...], pixels: Callable[[], np.ndarray]) -> Any:
-        key = (id(texture.image), texture.wrap, texture.nearest, texture.transform, use)
+        key = self._key(texture, use)
         if key not in self._textures:
             self._textures[key] = bitmap(pixels(), texture)
         return self._textures[key]
+
+    @staticmethod
+    def _key(texture: Texture, use: tuple[Any, ...]) -> tuple[Any, ...]:
+        return id(texture.image), texture.wrap, texture.nearest, texture.transform, use
 
 
 def _with_vertices(opacity: Any, alpha: bool) -> Any:

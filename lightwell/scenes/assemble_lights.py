@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.scenes.assemble_textures import bitmap, linear_pixels
-from lightwell.scenes.scene import Light, Material
+from lightwell.scenes.scene import Image, Light, Material, Texture
+from lightwell.scenes.scene_cache import Derived
 from lightwell.scenes.vectors import vector
 
 
 class TwoSidedArea(mi.Emitter):
     """An area light that shines to both sides of its surface, which Mitsuba's own ``area`` does not.
 
-    ``radiance`` (texture): emitted radiance, the same in all directions. It cannot start light paths (``sample_ray``).
+    ``radiance`` (texture): emitted radiance, the same in all directions; ``factor`` (vector): what a picture is
+    multiplied by, so that one picture serves many emitters. It cannot start light paths (``sample_ray``).
     """
 
     def __init__(self, props: Any) -> None:
         """Read the radiance.
 
         Args:
-            props: Mitsuba properties with ``radiance``.
+            props: Mitsuba properties with ``radiance``, and ``factor`` for a picture.
         """
         super().__init__(props)
         self.radiance = props.get_emissive_texture("radiance", 1.0)
+        self.factor = mi.Color3f(props["factor"]) if "factor" in props else None
+        dr.make_opaque(self.factor)
         self.m_flags = int(mi.EmitterFlags.Surface)
 
     def eval(self, si: Any, active: Any = True) -> Any:
@@ -38,7 +43,8 @@ class TwoSidedArea(mi.Emitter):
         Returns:
             Radiance.
         """
-        return self.radiance.eval(si, active)
+        radiance = self.radiance.eval(si, active)
+        return radiance if self.factor is None else radiance * self.factor
 
     def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
         """Sample a direction towards the light, as ``mi.Emitter.sample_direction``.
@@ -80,7 +86,7 @@ class TwoSidedArea(mi.Emitter):
         Returns:
             Radiance.
         """
-        return self.radiance.eval(mi.SurfaceInteraction3f(ds, it.wavelengths), active)
+        return TwoSidedArea.eval(self, mi.SurfaceInteraction3f(ds, it.wavelengths), active)
 
     def traverse(self, callback: Any) -> None:
         """List the parameters, as ``mi.Object.traverse``.
@@ -88,7 +94,11 @@ class TwoSidedArea(mi.Emitter):
         Args:
             callback: Receives the parameters.
         """
-        callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
+        if self.factor is None:
+            callback.put("radiance", self.radiance, mi.ParamFlags.Differentiable)
+        else:
+            # Not the picture, which other emitters have too.
+            callback.put("radiance.value", self.factor, mi.ParamFlags.Differentiable)
 
     def to_string(self) -> str:
         """Describe the emitter.
@@ -117,7 +127,7 @@ class TexturedArea(TwoSidedArea):
         Returns:
             Radiance.
         """
-        return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, self.radiance.eval(si, active), 0)
+        return dr.select(mi.Frame3f.cos_theta(si.wi) > 0, super().eval(si, active), 0)
 
     def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
         """Evaluate the radiance along direction samples, 0 at the back.
@@ -145,41 +155,100 @@ mi.register_emitter("lightwell_two_sided_area", TwoSidedArea)
 mi.register_emitter("lightwell_textured_area", TexturedArea)
 
 
-def area_light(material: Material) -> tuple[Any, tuple[float, float, float]]:
-    """Make the area emitter of an emissive material; both sides shine if the material is double-sided.
+class AreaLights:
+    """Makes the area emitters of emissive materials; those of one picture share it."""
 
-    Args:
-        material: Emissive material.
+    def __init__(self) -> None:
+        """Start without pictures."""
+        # The images keep their ids; then the Mitsuba texture of the emission, and its mean.
+        self._made: dict[tuple[Any, ...], tuple[Any, Any, np.ndarray]] = {}
 
-    Returns:
-        The Mitsuba emitter, and its mean radiance, linear RGB.
-    """
-    factor, texture = np.array(material.emissive, np.float32) * coverage(material), material.emissive_texture
-    if texture is None:
-        radiance: Any = {"type": "rgb", "value": factor.tolist()}
-        mean = factor
-    else:
-        pixels = linear_pixels(texture.image, factor)
-        radiance, mean = bitmap(pixels, texture), pixels.mean(axis=(0, 1), dtype=np.float64)
-    one_sided = "area" if texture is None else "lightwell_textured_area"
-    kind = "lightwell_two_sided_area" if material.double_sided else one_sided
-    return mi.load_dict({"type": kind, "radiance": radiance}), vector(mean)
+    def __call__(self, material: Material) -> tuple[Any, tuple[float, float, float]]:
+        """Make the area emitter of an emissive material; both sides shine if the material is double-sided.
+
+        Args:
+            material: Emissive material.
+
+        Returns:
+            The Mitsuba emitter, and its mean radiance, linear RGB.
+        """
+        factor, texture = np.array(material.emissive, np.float32), material.emissive_texture
+        if texture is None:
+            factor = factor * coverage(material)
+            kind = "lightwell_two_sided_area" if material.double_sided else "area"
+            light = {"type": kind, "radiance": {"type": "rgb", "value": factor.tolist()}}
+            return mi.load_dict(light), vector(factor)
+        cut = _cut_out(material, texture)
+        factor = factor * (coverage(material) if cut is None else 1)
+        radiance, mean = self._picture(texture, cut)
+        kind = "lightwell_two_sided_area" if material.double_sided else "lightwell_textured_area"
+        light = {"type": kind, "radiance": radiance, "factor": mi.ScalarVector3f(*factor.tolist())}
+        return mi.load_dict(light), vector(mean * factor)
+
+    def _picture(self, texture: Texture, cut: _CutOut | None) -> tuple[Any, np.ndarray]:
+        """Mitsuba texture of an emission, and its mean."""
+        key = (id(texture.image), texture.wrap, texture.nearest, texture.transform, cut and (id(cut.image), cut.least))
+        if key not in self._made:
+            pixels = linear_pixels(texture.image)
+            if cut is not None:
+                pixels = pixels * cut.shown()[..., None]
+            mean = pixels.mean(axis=(0, 1), dtype=np.float64)
+            self._made[key] = (texture.image, cut), bitmap(pixels, texture), mean
+        return self._made[key][1:]
+
+
+# Those of a scene in its poses.
+AREA_LIGHTS = Derived[AreaLights]("scenes.area_lights")
+
+
+@dataclass(frozen=True)
+class _CutOut:
+    """The cut-out of a material."""
+
+    image: Image
+    least: float
+    """Stored alpha from which the surface is there, 0 to 255 or beyond."""
+
+    def shown(self) -> np.ndarray:
+        """[height, width] whether the surface is there."""
+        return self.image.pixels[..., 3] >= self.least
+
+
+def _cut_out(material: Material, emissive: Texture) -> _CutOut | None:
+    """The cut-out whose texels are those of the emission; None where there is none, or texels differ."""
+    base = material.base_color_texture
+    if material.alpha_mode != "MASK" or base is None:
+        return None
+    return _CutOut(base.image, _least(material)) if _layout(base) == _layout(emissive) else None
+
+
+def _layout(texture: Texture) -> tuple[Any, ...]:
+    return texture.image.pixels.shape, texture.wrap, texture.uv_set, texture.transform
+
+
+def _least(material: Material) -> float:
+    """Stored alpha from which a cut-out material is there."""
+    factor = material.base_color[3]
+    return 255 * material.alpha_cutoff / factor if factor > 0 else (np.inf if material.alpha_cutoff > 0 else 0.0)
 
 
 def coverage(material: Material) -> float:
-    """Compute the mean alpha of a blended material: emission is blended with the background like its colour (glTF 2.0).
+    """Compute the share of a surface that emits: the mean alpha of a blended material, because emission is blended with
+    the background like its colour (glTF 2.0), and what is left of a cut-out one.
 
     Args:
         material: Material to inspect.
 
     Returns:
-        Mean alpha in [0, 1]; 1 for materials that are not blended.
+        Share in [0, 1]; 1 for opaque materials.
     """
-    if material.alpha_mode != "BLEND":
+    texture, factor = material.base_color_texture, material.base_color[3]
+    if material.alpha_mode == "OPAQUE":
         return 1.0
-    texture = material.base_color_texture
-    pixels = texture.image.pixels if texture else np.empty((0, 0, 3))
-    return material.base_color[3] * (float(pixels[..., 3].mean()) / 255 if pixels.shape[2] > 3 else 1.0)
+    if material.alpha_mode == "MASK":
+        alone = factor >= material.alpha_cutoff
+        return float(alone if texture is None else _CutOut(texture.image, _least(material)).shown().mean())
+    return factor * (float(texture.image.pixels[..., 3].mean()) / 255 if texture is not None else 1.0)
 
 
 def punctual(light: Light) -> dict[str, Any]:

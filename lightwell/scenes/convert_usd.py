@@ -14,6 +14,8 @@ from lightwell.scenes.glb_writer import GlbWriter
 
 # From z up to y up.
 Z_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+# Types of primvars that are texture coordinates.
+UV_TYPES = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]")
 # Types of primitives that hold no light and no surface, and need no word.
 SILENT = {
     "",
@@ -125,15 +127,31 @@ class _Reader:
             normals = _attribute(mesh.GetNormalsAttr(), str(mesh.GetNormalsInterpolation()), counts, corners)
         if normals is not None:
             attributes["NORMAL"] = _directions(normals, matrix)
-        uv = _values(UsdGeom.PrimvarsAPI(prim).GetPrimvar("st"), counts, corners, 2)
-        if uv is not None:
-            attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
         for material, faces in self._materials.parts(prim, len(counts)):
             triangles = _fans(counts, faces)
             if len(triangles):
+                uv = self._coordinates(prim, name, self._materials.coordinates.get(material), counts, corners)
+                if uv is not None:
+                    attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
                 used, indices = np.unique(triangles, return_inverse=True)
                 indices = indices.reshape(-1, 3)[:, ::-1] if flipped else indices.reshape(-1, 3)
                 self._writer.mesh(name, {key: values[used] for key, values in attributes.items()}, indices, material)
+
+    def _coordinates(
+        self, prim: Any, name: str, wanted: str | None, counts: np.ndarray, corners: np.ndarray
+    ) -> np.ndarray | None:
+        """[C, 2] texture coordinates at every corner: those that a material names, ``st``, or the only ones."""
+        from pxr import UsdGeom
+
+        primvars = UsdGeom.PrimvarsAPI(prim)
+        found = [p.GetPrimvarName() for p in primvars.GetPrimvarsWithValues() if str(p.GetTypeName()) in UV_TYPES]
+        for called in (wanted, "st", found[0] if len(found) == 1 else None):
+            uv = _values(primvars.GetPrimvar(called), counts, corners, 2) if called else None
+            if uv is not None:
+                return uv
+        if wanted is not None:
+            self._lost.add(f"mesh '{name}': has no texture coordinates '{wanted}'; its pictures are one colour")
+        return None
 
     def _camera(self, prim: Any, name: str) -> None:
         from pxr import Usd, UsdGeom

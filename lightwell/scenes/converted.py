@@ -11,7 +11,9 @@ import os
 import shutil
 import subprocess
 import tempfile
-from dataclasses import replace
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ import numpy as np
 from lightwell.core.isolated import Worker, WorkerDied, WorkerError
 from lightwell.core.scene_options import BLEND_SUFFIXES, MESH_SUFFIXES, USD_SUFFIXES
 from lightwell.limits import Limits
+from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf import load_gltf
 from lightwell.scenes.scene import Scene
@@ -55,8 +58,10 @@ def load_converted(path: Path, limits: Limits, unit: float = 1.0) -> Scene:
     if unit != 1 and path.suffix.lower() not in MESH_SUFFIXES:
         raise SceneError(f"{place}: states its own unit of length; leave --scene-unit out")
     limits.budget(place, SceneError).charge("file_bytes", path.stat().st_size)
-    with tempfile.TemporaryDirectory(prefix="lightwell-") as folder:
-        target = Path(folder) / "scene.glb"
+    folder = tempfile.TemporaryDirectory(prefix="lightwell-")
+    with ExitStack() as cleaning:
+        cleaning.enter_context(folder)
+        target = Path(folder.name) / "scene.glb"
         lost = (
             _blender(path, target, limits) if path.suffix.lower() in BLEND_SUFFIXES else _convert(path, target, limits)
         )
@@ -64,7 +69,23 @@ def load_converted(path: Path, limits: Limits, unit: float = 1.0) -> Scene:
             scene = load_gltf(target, limits, unit)
         except SceneError as error:
             raise SceneError(str(error).replace("scene.glb", path.name)) from None
+        if scene.read_clip is not None:
+            # Clips are read when one is asked for: the file lives as long as the scene.
+            cleaning.pop_all()
+            scene = replace(scene, read_clip=_KeptClips(folder, scene.read_clip))
     return replace(scene, name=path.name, source=str(path), warnings=[*lost, *scene.warnings])
+
+
+@dataclass(frozen=True)
+class _KeptClips:
+    """Reads the clips of a file in a temporary folder, and keeps the folder."""
+
+    folder: tempfile.TemporaryDirectory[str]
+    read: Callable[[int], ClipMotion]
+
+    def __call__(self, number: int) -> ClipMotion:
+        """The motion of an animation."""
+        return self.read(number)
 
 
 def _convert(path: Path, target: Path, limits: Limits) -> list[str]:

@@ -77,10 +77,11 @@ def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0)
         cameras=reader.cameras,
         warnings=reader.warnings,
         source=str(path),
-        digest=reader.document.digest,
+        # A scene of another unit is another scene.
+        digest=reader.document.digest if unit == 1 else f"{reader.document.digest}-{unit:.17g}",
         nodes=reader.tree,
         clips=reader.clips,
-        read_clip=partial(read_clip, path, limits, unit, reader.document.digest),
+        read_clip=partial(read_clip, path, limits, unit, reader.document.digests),
         light_clips=reader.light_clips,
     )
 
@@ -100,6 +101,8 @@ class _Reader:
         self._textures = Textures(document, accessors, self.warnings.append)
         # Index into ``materials`` of each of the file's materials that is used; None is the default material.
         self._material_of: dict[int | None, int] = {}
+        # Those of another thickness, by index and thickness.
+        self._thick: dict[tuple[int, float], int] = {}
         self.tree: list[SceneNode] = []
         self.clips: list[str] = []
         self.light_clips = LightClips()
@@ -196,7 +199,7 @@ class _Reader:
                     arrays = placed_copies(primitive, placement.matrices)
             if not np.isfinite(arrays["positions"]).all():
                 node.place.fail("moves its mesh so far that its vertices are not finite")
-            material = self._material(primitive.material, name)
+            material = self._material(primitive.material, name, placement.scale)
             if _is_outline(self.materials[material]):
                 self.warnings.append(
                     f"material '{self.materials[material].name}': a drawn outline, which only culling makes; "
@@ -219,7 +222,8 @@ class _Reader:
             self.warnings.append(f"node '{node.name}': a joint of its skin is not in the scene; the skin is ignored")
         return joints
 
-    def _material(self, number: int | None, mesh: str) -> int:
+    def _material(self, number: int | None, mesh: str, scale: float) -> int:
+        """Index of a material at a scale: a thickness is a length of the mesh's own space."""
         if number not in self._material_of:
             self._material_of[number] = len(self.materials)
             if number is None:
@@ -228,7 +232,14 @@ class _Reader:
             else:
                 place = self.document.item("materials", number)
                 self.materials.append(read_material(place, self._textures, self.warnings.append))
-        return self._material_of[number]
+        first = self._material_of[number]
+        thickness = self.materials[first].thickness * scale
+        if thickness == self.materials[first].thickness:
+            return first
+        if (first, thickness) not in self._thick:
+            self._thick[first, thickness] = len(self.materials)
+            self.materials.append(replace(self.materials[first], thickness=thickness))
+        return self._thick[first, thickness]
 
     def _add_camera(self, node: PlacedNode) -> None:
         number = node.place.index("camera", self.document.count("cameras"), "camera")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -60,14 +60,14 @@ class _Track:
         return _unit(found) if self.path == "rotation" else found
 
 
-def read_clip(path: str | Path, limits: Limits, unit: float, digest: str, number: int) -> ClipMotion:
+def read_clip(path: str | Path, limits: Limits, unit: float, digests: Mapping[Path, str], number: int) -> ClipMotion:
     """Read a clip of a file.
 
     Args:
         path: The ``.glb`` or ``.gltf`` file.
         limits: Limits of what a file may ask for.
         unit: Metres per unit of the file.
-        digest: Digest of the file that the scene was loaded from.
+        digests: Digest of each file that the scene was loaded from.
         number: Index of the animation.
 
     Returns:
@@ -77,12 +77,15 @@ def read_clip(path: str | Path, limits: Limits, unit: float, digest: str, number
         SceneError: The file is damaged, or has changed since it was loaded.
     """
     document = Document(Path(path), limits)
-    if document.digest != digest:
-        document.fail("has changed since it was loaded", "start the bake again")
     accessors = Accessors(document)
     with np.errstate(all="ignore"):
         nodes = list(placed_nodes(document, unit, poses_for_flat_nodes(document, accessors, lambda text: None)))
-        return _motion(document, accessors, nodes, unit, document.item("animations", number))
+        motion = _motion(document, accessors, nodes, unit, document.item("animations", number))
+    # Buffers that only animations use were not read with the scene.
+    for file, digest in document.digests.items():
+        if digests.get(file, digest) != digest:
+            document.fail(f"'{file.name}' has changed since it was loaded", "start the bake again")
+    return motion
 
 
 def _motion(

@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import unquote
 
-from lightwell.limits import Limits
+from lightwell.limits import JSON_EXPANSION, Limits
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_json import CURE, Place
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
-# Memory that parsed JSON takes, in bytes per byte of text (measured on lists of small nodes and of numbers).
-JSON_EXPANSION = 8
 
 
 class Document:
@@ -34,18 +32,24 @@ class Document:
         self.path = path
         self.scene = path.name
         self.budget = limits.budget(f"scene '{self.scene}'", SceneError)
-        self._hash = hashlib.sha256()
+        self._digests: dict[Path, str] = {}
         data = self._read(path)
         json_bytes, self._binary = self._split(data)
         self.root = Place(self.scene, "the glTF document", self._parse(json_bytes))
-        self._buffers: dict[int, bytes] = {}
+        self._buffers: dict[int, memoryview] = {}
         self._files: dict[Path, bytes] = {}
         self._check_version()
 
     @property
-    def digest(self) -> str:
+    def digests(self) -> dict[Path, str]:
         """SHA-256 of the file and of every external file that was read, in the order of reading."""
-        return self._hash.hexdigest()
+        return dict(self._digests)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the file, or of the digests of all files that were read."""
+        first, *more = self._digests.values()
+        return hashlib.sha256("".join([first, *more]).encode()).hexdigest() if more else first
 
     def count(self, key: str) -> int:
         """Return the length of a top-level list.
@@ -86,7 +90,7 @@ class Document:
         """
         raise SceneError(f"scene '{self.scene}': {problem}; {cure}")
 
-    def buffer(self, index: int) -> bytes:
+    def buffer(self, index: int) -> memoryview:
         """Return the bytes of a buffer.
 
         Args:
@@ -106,7 +110,8 @@ class Document:
                 place.fail("has neither a uri nor a binary chunk in this file")
             if len(data) < length:
                 place.fail(f"has {len(data)} bytes, but says {length}")
-            self._buffers[index] = data[:length]
+            # A view: several buffers may be parts of one file.
+            self._buffers[index] = memoryview(data)[:length]
         return self._buffers[index]
 
     def resource(self, place: Place, uri: str) -> bytes:
@@ -144,7 +149,7 @@ class Document:
         except OSError as error:
             reason = error.strerror or error
             raise SceneError(f"scene '{self.scene}': cannot read '{path}' ({reason}); check the path") from error
-        self._hash.update(data)
+        self._digests[path] = hashlib.sha256(data).hexdigest()
         return data
 
     def _data_uri(self, place: Place, uri: str) -> bytes:

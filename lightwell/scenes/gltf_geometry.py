@@ -154,7 +154,17 @@ class Geometry:
         for name in ATTRIBUTES:
             if name in ids:
                 arrays[name] = self._draco_attribute(mesh, ids, attributes, name)
+        # Copies are charged by what the accessors say.
+        self._compare(attributes, "POSITION", len(arrays.get("POSITION", ())))
+        self._compare(place, "indices", len(faces))
         return arrays, faces
+
+    def _compare(self, place: Place, key: str, found: int) -> None:
+        """Refuse compressed data that hold more elements than their accessor says."""
+        number = place.index(key, self._document.count("accessors"), "accessor")
+        said = None if number is None else self._document.item("accessors", number).integer("count", low=1)
+        if said is not None and found > said:
+            place.fail(f"has {found} {key} in its compressed data, but accessor {number} says {said}")
 
     def _draco_attribute(self, mesh: Any, ids: Place, attributes: Place, name: str) -> np.ndarray:
         wanted = ids.integer(name)

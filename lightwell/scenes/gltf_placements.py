@@ -35,6 +35,12 @@ class Placement:
     joined: bool = False
     """Whether it holds the placements of several nodes."""
 
+    @property
+    def scale(self) -> float:
+        """Mean scale of the first transform."""
+        # Rounded, so that the placements of one size are of one scale.
+        return float(f"{np.cbrt(abs(np.linalg.det(self.matrices[0, :3, :3]))):.6g}") if len(self.matrices) else 1.0
+
 
 def placements(document: Document, accessors: Accessors, nodes: Sequence[PlacedNode]) -> list[Placement]:
     """List every placed mesh of the scene, in the order of the nodes, and charge their sizes to the budget.

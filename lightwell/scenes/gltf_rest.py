@@ -13,8 +13,11 @@ from lightwell.scenes.gltf_json import Place
 
 # Components of a channel's values by the property that it animates.
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
-# Nodes with a smaller scale are invisible.
+# Nodes with a smaller scale are invisible ...
 SMALLEST_SCALE = 1e-4
+# ... but for positions stored as whole numbers (KHR_mesh_quantization), whose scale is that of one step.
+SMALLEST_STEP = 1e-9
+FLOAT = 5126
 # Largest number of nodes that a warning names.
 MOST_NAMED = 5
 
@@ -35,15 +38,18 @@ def poses_for_flat_nodes(
     Returns:
         Transforms by node index, to be used instead of the nodes' own.
     """
-    flat = [i for i in range(document.count("nodes")) if _is_flat(document.item("nodes", i))]
+    flat = [i for i in range(document.count("nodes")) if _is_flat(document, document.item("nodes", i))]
     if not flat:
         return {}
     wanted: set[int] = set(flat)
     poses: dict[int, dict[str, Any]] = {}
     for i in range(document.count("animations")):
-        animation = document.item("animations", i)
-        for node in _nodes_scaled_by(document, animation) & (wanted - poses.keys()):
-            pose = _pose(document, accessors, animation, node)
+        animation, of_node = document.item("animations", i), dict[int, dict[str, int]]()
+        for node, path, sampler in animated_channels(document, animation):
+            if path in PATHS and node in wanted and node not in poses:
+                of_node.setdefault(node, {})[path] = sampler
+        for node, samplers in of_node.items():
+            pose = _pose(document, accessors, animation, samplers) if "scale" in samplers else None
             if pose is not None:
                 poses[node] = pose
     for group, what in (
@@ -57,8 +63,20 @@ def poses_for_flat_nodes(
     return poses
 
 
-def _is_flat(node: Place) -> bool:
-    return "scale" in node and min(map(abs, node.numbers("scale", 3))) < SMALLEST_SCALE
+def _is_flat(document: Document, node: Place) -> bool:
+    scale = min(map(abs, node.numbers("scale", 3))) if "scale" in node else 1.0
+    return scale < SMALLEST_SCALE and (scale < SMALLEST_STEP or not _whole_positions(document, node))
+
+
+def _whole_positions(document: Document, node: Place) -> bool:
+    """Test whether a node's mesh stores whole numbers as positions."""
+    number = node.index("mesh", document.count("meshes"), "mesh")
+    primitives = [] if number is None else document.item("meshes", number).items("primitives")
+    for i, value in enumerate(primitives[:1]):
+        attributes = Place(node.scene, f"mesh {number} primitive {i}", value).need("attributes")
+        position = attributes.index("POSITION", document.count("accessors"), "accessor")
+        return position is not None and document.item("accessors", position).integer("componentType") != FLOAT
+    return False
 
 
 def animated_channels(document: Document, animation: Place) -> list[tuple[int, str, int]]:
@@ -82,17 +100,11 @@ def animated_channels(document: Document, animation: Place) -> list[tuple[int, s
     return found
 
 
-def _nodes_scaled_by(document: Document, animation: Place) -> set[int]:
-    return {node for node, path, _ in animated_channels(document, animation) if path == "scale"}
-
-
-def _pose(document: Document, accessors: Accessors, animation: Place, node: int) -> dict[str, list[float]] | None:
-    """Read the node's animated properties at the first key with a scale above 0, or None."""
-    tracks = {
-        path: _track(document, accessors, animation, sampler, PATHS[path])
-        for other, path, sampler in animated_channels(document, animation)
-        if other == node and path in PATHS
-    }
+def _pose(
+    document: Document, accessors: Accessors, animation: Place, samplers: dict[str, int]
+) -> dict[str, list[float]] | None:
+    """Read a node's animated properties (path → sampler) at the first key with a scale above 0, or None."""
+    tracks = {path: _track(document, accessors, animation, sampler, PATHS[path]) for path, sampler in samplers.items()}
     times, scales = tracks["scale"]
     shown = np.flatnonzero(np.abs(scales).min(axis=1) >= SMALLEST_SCALE)
     if not len(shown):

@@ -19,6 +19,8 @@ from lightwell.scenes.mitsuba_paths import Folders
 
 # Levels of elements, and of includes (Mitsuba's own limit); included files in all.
 MOST_DEPTH, MOST_INCLUDE_DEPTH, MOST_INCLUDES = 64, 15, 1000
+# A use of a parameter, and the longest name of one.
+PARAMETER, MOST_NAME = re.compile(r"(?<!\\)\$(\w+)"), 100
 # Bytes of one XML file, and characters of one value and of all together after parameters are replaced.
 MOST_BYTES, MOST_VALUE, MOST_TEXT = 1 << 27, 1 << 20, 1 << 28
 # XML forbids '--' in comments, but authors write it and Mitsuba reads it.
@@ -110,7 +112,6 @@ class _Reader:
         self._folders, self._budget, self._upgrade = folders, budget, upgrade
         self.files: list[Path] = []
         self._parameters: dict[str, str] = {}
-        self._pattern: re.Pattern[str] | None = None
         self._text = 0
 
     def file(self, path: Path, name: str, above: list[Path], depth: int = 0) -> Element:
@@ -118,8 +119,9 @@ class _Reader:
         self.files.append(path)
         root = parse(path, name, self._budget)
         version = _version(root)
-        (done,) = self._expanded(root, path, above, version, depth) or [root]
-        return done
+        # A root that another file replaces, or that is left out, is no root.
+        done = self._expanded(root, path, above, version, depth)
+        return done[0] if len(done) == 1 else root
 
     def _expanded(self, element: Element, path: Path, above: list[Path], version: Version, depth: int) -> list[Element]:
         """Return the replacement of an element."""
@@ -162,26 +164,44 @@ class _Reader:
     def _define(self, element: Element) -> None:
         """Store a parameter's default, unless it has one."""
         name = element.attributes.get("name", "")
-        if not re.fullmatch(r"\w+", name):
-            raise element.fail(f"<default> has the name '{name[:60]}', expected letters and digits; correct it")
-        if name not in self._parameters:
-            self._parameters[name] = element.attributes.get("value", "")
-            longest_first = sorted(self._parameters, key=len, reverse=True)
-            self._pattern = re.compile(r"(?<!\\)\$(" + "|".join(longest_first) + ")")
+        if len(name) > MOST_NAME or not re.fullmatch(r"\w+", name):
+            raise element.fail(
+                f"<default> has the name '{name[:60]}', expected up to {MOST_NAME} letters and digits; correct it"
+            )
+        self._parameters.setdefault(name, element.attributes.get("value", ""))
 
     def _replace_parameters(self, element: Element) -> None:
         for key, value in element.attributes.items():
             if "$" in value:
-                if self._pattern is not None:
-                    value = self._pattern.sub(lambda found: self._parameters[found[1]], value)
+                value = self._replaced(element, key, value)
                 if unknown := re.search(r"(?<!\\)\$\w*", value):
                     raise element.fail(f"undefined parameter {unknown[0][:60]}; add a <default> for it above")
                 element.attributes[key] = value = value.replace("\\$", "$")
             self._text += len(value)
             if len(value) > MOST_VALUE or self._text > MOST_TEXT:
-                raise element.fail(
-                    f"'{key[:60]}' is too long (over {MOST_VALUE} characters, or {MOST_TEXT} in all); shorten it"
-                )
+                raise _too_long(element, key)
+
+    def _replaced(self, element: Element, key: str, value: str) -> str:
+        """Replace the parameters of a value; unknown ones stay."""
+        parts, end, size = [], 0, 0
+        for found in PARAMETER.finditer(value):
+            parts += [value[end : found.start()], self._parameter(found)]
+            end, size = found.end(), size + len(parts[-2]) + len(parts[-1])
+            if size > MOST_VALUE:
+                raise _too_long(element, key)
+        return "".join([*parts, value[end:]])
+
+    def _parameter(self, found: re.Match[str]) -> str:
+        """The value of the longest parameter that a word begins with, and the rest of the word."""
+        word = found[1]
+        for length in range(min(len(word), MOST_NAME), 0, -1):
+            if word[:length] in self._parameters:
+                return self._parameters[word[:length]] + word[length:]
+        return found[0]
+
+
+def _too_long(element: Element, key: str) -> SceneError:
+    return element.fail(f"'{key[:60]}' is too long (over {MOST_VALUE} characters, or {MOST_TEXT} in all); shorten it")
 
 
 def parse(path: Path, name: str, budget: LoadBudget) -> Element:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 import tempfile
 import warnings
@@ -32,6 +33,10 @@ BY_WORKER = (EXR, b"#?", b"PF", b"Pf")
 MODES = {"1": "L", "L": "L", "P": "RGB", "RGB": "RGB", "RGBA": "RGBA", "LA": "LA"}
 # A TGA file has no magic bytes.
 TGA = ".tga"
+# Pillow's readers of each; its others, of which one runs PostScript, must not see a stranger's bytes.
+MITSUBA_FORMATS, PILLOW_FORMATS = ("PNG", "JPEG"), ("BMP", "PPM", "TGA")
+# Number of a shape in a .serialized file.
+SHAPE_INDEX = re.compile(r"[0-9]{1,9}")
 # Header of a volume grid: magic, version, type (1: float32), size, channels.
 VOLUME = struct.Struct("<3sBiiiii")
 VOLUME_BYTES = 48
@@ -155,9 +160,9 @@ class Files:
             head = stream.read(HEAD)
         what = f"line {element.line}: picture '{path.name}'"
         if head.startswith(BY_MITSUBA):
-            self._budget.check_picture(*_size(path, element), what)
+            self._budget.check_picture(*_size(path, MITSUBA_FORMATS, element), what)
         elif head.startswith(BY_PILLOW) or path.suffix.lower() == TGA:
-            self._budget.check_picture(*_size(path, element), what)
+            self._budget.check_picture(*_size(path, PILLOW_FORMATS, element), what)
             self.pictures[str(path)] = _decoded(path, element), True
         elif head.startswith(BY_WORKER):
             if head.startswith(EXR):
@@ -186,7 +191,7 @@ class Files:
 
     def _serialized(self, path: Path, part: str, element: Element) -> str:
         """Write a PLY file with the same mesh."""
-        if not part.strip().isdigit():
+        if not SHAPE_INDEX.fullmatch(part.strip()):
             raise element.fail(f"shape_index is '{part[:20]}', expected a whole number; correct it")
         if self._temporary is None:
             self._temporary = tempfile.TemporaryDirectory(prefix="lightwell-")
@@ -243,13 +248,13 @@ def _spectrum(path: Path | None, name: str, element: Element) -> str:
     return ", ".join(pairs)
 
 
-def _size(path: Path, element: Element) -> tuple[int, int]:
-    """Read width and height from the header of a PNG or JPEG."""
+def _size(path: Path, formats: tuple[str, ...], element: Element) -> tuple[int, int]:
+    """Read width and height from the header of a picture of one of Pillow's formats."""
     try:
         with warnings.catch_warnings():
             # Sizes are checked against the limits instead.
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
-            with PillowImage.open(path) as picture:
+            with PillowImage.open(path, formats=formats) as picture:
                 return picture.size
     except PillowImage.DecompressionBombError:
         raise element.fail(f"'{path.name}' has more pixels than any picture may have; make it smaller") from None
@@ -264,7 +269,7 @@ def _decoded(path: Path, element: Element) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
-            with PillowImage.open(path) as picture:
+            with PillowImage.open(path, formats=PILLOW_FORMATS) as picture:
                 if picture.mode not in MODES:
                     raise ValueError(f"its mode is {picture.mode}, expected 8 bits a channel")
                 pixels = np.array(picture.convert(MODES[picture.mode]))

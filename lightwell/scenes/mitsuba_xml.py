@@ -125,8 +125,11 @@ class _Reader:
         place = node.get("to_world")
         matrix = np.eye(4) if place is None else np.array(place.matrix, np.float64).reshape(4, 4)
         members = [c for g in groups for _, c in self.graph.children(g) if c.kind == mi.ObjectType.Shape]
+        if not abs(np.linalg.det(matrix[:3, :3])) > 0:
+            self.warnings.append(f"shape '{node.name}': an instance without size is left out")
+            return []
         inner = [surface for child in members for surface in self._surfaces(child)]
-        return [_Surface(s.node, moved(s.triangles, matrix)) for s in inner]
+        return [_Surface(s.node, moved(s.triangles, matrix, keep_facing=True)) for s in inner]
 
     def _triangles(self, node: MitsubaElement) -> Triangles | None:
         """Make the triangles of a single shape, without its BSDF and emitter, which are made separately."""

@@ -15,7 +15,7 @@ from lightwell.core.quaternions import rotation_quaternion
 from lightwell.core.suggest import nearest
 from lightwell.core.vary import Declaration, parse_vary
 from lightwell.scenes.assemble import posed_mesh
-from lightwell.scenes.assemble_lights import punctual
+from lightwell.scenes.assemble_lights import AREA_LIGHTS, AreaLights, punctual
 from lightwell.scenes.clip_mover import ClipMotion, ClipMover, ClipPart
 from lightwell.scenes.movers import MOST_MOVERS, Mover, NodeMover, Pose, RigidPart, Vector
 from lightwell.scenes.scene import Light, Scene
@@ -242,7 +242,7 @@ def posed(scene: Scene, pose: Sequence[float]) -> Scene:
 
 
 def _posed(scene: Scene, pose: Pose) -> Scene:
-    meshes, shapes = list(scene.meshes), scene.mi.shapes()
+    meshes, shapes, glowing = list(scene.meshes), scene.mi.shapes(), scene.cache.get(AREA_LIGHTS, AreaLights)
     moving = {mesh: moved for moved in moving_parts(scene, pose) for mesh in moved[0].meshes}
     description: dict[str, Any] = {"type": "scene"}
     for index, mesh in enumerate(scene.meshes):
@@ -255,7 +255,7 @@ def _posed(scene: Scene, pose: Pose) -> Scene:
                 positions=part.moved(slider, mesh.positions).astype(np.float32),
                 normals=None if normals is None else normals.astype(np.float32),
             )
-            shape = posed_mesh(meshes[index], scene.materials[mesh.material], shape)
+            shape = posed_mesh(meshes[index], scene.materials[mesh.material], shape, glowing)
         description[f"mesh_{index:06d}"] = shape
     lit = {light: moved for moved in moving_parts(scene, pose) for light in moved[0].lights}
     lights = [_moved_light(light, *lit[k]) if k in lit else light for k, light in enumerate(scene.lights)]

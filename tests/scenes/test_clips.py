@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from gltf_builder import Builder
 
-from lightwell.scenes import load
+from lightwell.scenes import SceneError, load
 from lightwell.scenes.posing import declared_movers, posed, with_movers
 
 HALF = np.sqrt(0.5)
@@ -14,7 +16,12 @@ HALF = np.sqrt(0.5)
 QUARTER = [0, HALF, 0, HALF]
 
 
-def room(tmp_path, *, name="Open", interpolation="LINEAR", extra=(), **more):
+def room(tmp_path, **options):
+    """A scene with one clip."""
+    return load(door(**options).save(tmp_path))
+
+
+def door(*, name="Open", interpolation="LINEAR", extra=(), **more):
     """A wall, and two leaves of a door in a frame that slides; the clip turns one and slides both."""
     file = Builder()
     for _ in range(4):
@@ -44,7 +51,7 @@ def room(tmp_path, *, name="Open", interpolation="LINEAR", extra=(), **more):
         *more.get("nodes", ()),
     ]
     file.json["scenes"] = [{"nodes": [0, 1, *range(4, len(file.json["nodes"]))]}]
-    return load(file.save(tmp_path))
+    return file
 
 
 def moved(scene, text, slider):
@@ -63,6 +70,30 @@ def test_nodes_of_a_clip_are_rigid_parts_in_the_frame_of_their_parents(tmp_path)
     # The left leaf turns about its own origin (2, 0, 0), from the x axis to the -z axis, and slides with the frame.
     assert np.allclose(sorted(end["Left"][:, 2]), [0, 0, 2, 2], atol=1e-5)
     assert np.allclose(end["Left"][:, 0], 2, atol=1e-5)
+
+
+def test_clips_are_read_from_files_beside_the_file_unless_those_have_changed(tmp_path):
+    file = door()
+    file.bytes()
+    # The clip is in a file of its own, which the scene at rest does not need.
+    views, data = file.json["bufferViews"], bytes(file.data)
+    samplers = file.json["animations"][0]["samplers"]
+    used = [file.json["accessors"][sampler[key]]["bufferView"] for sampler in samplers for key in ("input", "output")]
+    clip = min(views[view]["byteOffset"] for view in used)
+    for view in views:
+        if view["byteOffset"] >= clip:
+            view.update(buffer=1, byteOffset=view["byteOffset"] - clip)
+    parts = {"room.bin": data[:clip], "clip.bin": data[clip:]}
+    file.json["buffers"] = [{"uri": name, "byteLength": len(part)} for name, part in parts.items()]
+    for name, part in parts.items():
+        (tmp_path / name).write_bytes(part)
+    (tmp_path / "room.gltf").write_text(json.dumps(file.json))
+    scene = load(tmp_path / "room.gltf")
+    way = moved(scene, "animation:Open=0..1", 1.0)[0]["Frame"] - scene.meshes[1].positions
+    assert np.allclose(way, [0, 0, 1])
+    (tmp_path / "room.gltf").write_text(json.dumps(file.json) + " ")
+    with pytest.raises(SceneError, match=r"'room\.gltf' has changed since it was loaded"):
+        declared_movers(["animation:Open=0..1"], scene)
 
 
 def test_keys_are_interpolated_as_gltf_says(tmp_path):

@@ -5,11 +5,13 @@ import shutil
 import numpy as np
 import pytest
 import trimesh
+from gltf_builder import Builder
 from PIL import Image as PillowImage
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade
 
 from lightwell.limits import Limits
 from lightwell.scenes import SceneError, converted, load
+from lightwell.scenes.posing import declared_movers
 from tests.same_process import SameProcess
 
 OBJ = """
@@ -200,6 +202,28 @@ def test_lights_and_cameras_of_a_stage(tmp_path):
     assert any("RectLight '/panel' is left out" in line for line in scene.warnings)
 
 
+def test_texture_coordinates_have_the_name_that_the_material_says(tmp_path):
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.png")
+    made, mesh = stage(tmp_path / "room.usda")
+    painted(made, mesh)
+    names = Sdf.ValueTypeNames
+    for name, size in (("UVMap", 1.0), ("other", 9.0)):
+        uv = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(name, names.TexCoord2fArray, UsdGeom.Tokens.vertex)
+        uv.Set([(0, 0), (size, 0), (size, size), (0, size)])
+    reader = UsdShade.Shader.Define(made, "/paint/reader")
+    reader.CreateIdAttr("UsdPrimvarReader_float2")
+    reader.CreateInput("varname", names.String).Set("UVMap")
+    wood = UsdShade.Shader.Define(made, "/paint/wood")
+    wood.CreateIdAttr("UsdUVTexture")
+    wood.CreateInput("file", names.Asset).Set("./wood.png")
+    wood.CreateInput("st", names.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+    surface = UsdShade.Shader.Get(made, "/paint/surface")
+    surface.GetInput("diffuseColor").ConnectToSource(wood.ConnectableAPI(), "rgb")
+    made.GetRootLayer().Save()
+    [floor] = load(tmp_path / "room.usda").meshes
+    assert floor.uv0 is not None and floor.uv0.max() == 1 and floor.uv0.min() == 0
+
+
 def test_a_stage_states_its_unit_and_limits_hold_for_converted_files(tmp_path):
     made, _ = stage(tmp_path / "room.usda")
     made.GetRootLayer().Save()
@@ -209,6 +233,24 @@ def test_a_stage_states_its_unit_and_limits_hold_for_converted_files(tmp_path):
         load(tmp_path / "room.usda", limits=Limits(file_bytes=10))
     with pytest.raises(SceneError, match="states its own unit"):
         load(tmp_path / "room.usda", unit=0.01)
+
+
+def test_clips_of_a_blend_file_can_be_read_when_it_is_loaded(tmp_path, monkeypatch):
+    file = Builder()
+    file.mesh()
+    file.mesh()
+    times, ways = file.accessor(np.float32([0, 1])), file.accessor(np.float32([[0, 0, 0], [0, 0, 1]]))
+    channel = {"sampler": 0, "target": {"node": 1, "path": "translation"}}
+    file.add("animations", {"name": "Open", "channels": [channel], "samplers": [{"input": times, "output": ways}]})
+    exported = file.save(tmp_path)
+    blender = tmp_path / "blender"
+    blender.write_text(f'#!/bin/sh\nfor last; do :; done\ncp "{exported}" "$last"\n')
+    blender.chmod(0o755)
+    monkeypatch.setenv("BLENDER", str(blender))
+    monkeypatch.delenv("LIGHTWELL_BPY", raising=False)
+    (tmp_path / "room.blend").write_bytes(b"BLENDER-v405")
+    [mover] = declared_movers(["animation:Open=0..1"], load(tmp_path / "room.blend"))
+    assert mover.seconds == 1
 
 
 def test_a_blend_file_without_blender_says_what_it_needs(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gltf_builder import SQUARE, SQUARE_INDICES, SQUARE_UV, Builder
 
-from lightwell.scenes import load
+from lightwell.scenes import SceneError, load
 from lightwell.scenes.gltf_geometry import triangles
 
 
@@ -120,6 +120,10 @@ def test_draco(tmp_path):
     # 16 bits over a range of 1 are off by at most 2^-17, plus rounding.
     np.testing.assert_allclose(mesh.positions[mesh.indices], points[faces], atol=2e-5)
     np.testing.assert_allclose(mesh.uv0[mesh.indices], uv[faces], atol=2e-5)
+    # Copies are counted by what the accessors say.
+    file.json["accessors"][0]["count"] = 3
+    with pytest.raises(SceneError, match="has 30 POSITION in its compressed data, but accessor 0 says 3"):
+        load(file.save(tmp_path))
 
 
 @pytest.mark.parametrize("name", ["EXT_meshopt_compression", "KHR_meshopt_compression"])

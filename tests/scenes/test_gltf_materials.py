@@ -128,6 +128,19 @@ def test_alpha_mask_cuts_holes(tmp_path):
     assert opacity == [1, 0]
 
 
+def test_a_thickness_is_a_length_of_the_mesh(tmp_path):
+    """The asset's geometry is in metres, without nodes of another scale."""
+    volume = {"KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_volume": {"thicknessFactor": 2}}
+    file = Builder()
+    file.add("materials", {"name": "glass", "extensions": volume})
+    for scale in (1.0, 0.5, 0.5):
+        file.mesh(material=0)
+        file.json["nodes"][-1]["scale"] = [scale] * 3
+    scene = load(file.save(tmp_path), unit=0.1)
+    assert [scene.materials[mesh.material].thickness for mesh in scene.meshes] == pytest.approx([0.2, 0.1, 0.1])
+    assert len({mesh.material for mesh in scene.meshes}) == 2
+
+
 def test_vertex_colours_multiply_the_texture(tmp_path):
     def seen(colors, texture):
         file = Builder()

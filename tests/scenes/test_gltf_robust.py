@@ -133,6 +133,17 @@ def test_a_node_without_size_stands_as_its_animation_shows_it(tmp_path):
     assert any(w.startswith("nodes horn: have scale 0 at rest; they stand as") for w in scene.warnings)
 
 
+def test_quantized_positions_of_a_small_scale_are_no_node_without_size(tmp_path):
+    """The scale of whole numbers is that of one step."""
+    file = square()
+    steps = np.uint16([[0, 0, 0], [16383, 0, 0], [16383, 16383, 0], [0, 16383, 0]])
+    file.mesh(attributes={"POSITION": file.accessor(steps)})
+    file.json["nodes"][1].update(name="cup", scale=[0.1 / 16383] * 3, translation=[5, 0, 0])
+    scene = load(file.save(tmp_path))
+    assert scene.bounds[1].tolist() == pytest.approx([5.1, 1, 0])
+    assert not any("scale 0" in warning for warning in scene.warnings)
+
+
 def test_gpu_instances_are_placed(tmp_path):
     file = square()
     places = file.accessor(np.float32([[0, 0, 0], [10, 0, 0]]))

@@ -1,13 +1,17 @@
 """Assembling records into a Mitsuba scene: order, lights and their units, cleaning."""
 
+import io
 import math
 
 import numpy as np
 import pytest
+from PIL import Image as PillowImage
 
-from lightwell.backend import mi
+from lightwell.backend import dr, mi
 from lightwell.scenes import Light, Material, Mesh, SceneError, assemble
-from lightwell.scenes.assemble_lights import area_light
+from lightwell.scenes.assemble_lights import AreaLights
+from lightwell.scenes.edits import dim
+from lightwell.scenes.scene import Image, Texture
 
 SQUARE = np.float32([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
 UP = np.uint32([[0, 2, 1], [0, 3, 2]])
@@ -167,10 +171,50 @@ def test_what_the_path_tracer_cannot_do_is_said():
     ]
 
 
-@pytest.mark.parametrize("mode, expected", [("OPAQUE", 2.0), ("MASK", 2.0), ("BLEND", 0.5)])
-def test_blended_emission_is_blended(mode, expected):
+@pytest.mark.parametrize("mode, expected", [("OPAQUE", 2.0), ("MASK", 0.0), ("BLEND", 0.5)])
+def test_emission_is_that_of_the_part_that_is_there(mode, expected):
     material = Material("glow", base_color=(1, 1, 1, 0.25), emissive=(2.0, 2.0, 2.0), alpha_mode=mode)
-    assert area_light(material)[1] == pytest.approx((expected,) * 3)
+    assert AreaLights()(material)[1] == pytest.approx((expected,) * 3)
+
+
+def picture(alpha, color=255) -> Image:
+    """A picture of two rows that are the same; Mitsuba has none of one."""
+    out = io.BytesIO()
+    pixels = np.full((2, len(alpha), 4), color, np.uint8)
+    pixels[..., 3] = alpha
+    PillowImage.fromarray(pixels).save(out, "PNG")
+    return Image("p", out.getvalue(), "image/png")
+
+
+def shining(light, u) -> float:
+    """Red radiance of an emitter at a place of its picture."""
+    si = dr.zeros(mi.SurfaceInteraction3f, 1)
+    si.uv, si.wi = mi.Point2f(u, 0.5), mi.Vector3f(0, 0, 1)
+    return float(np.array(light.eval(si)).ravel()[0])
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_holes_of_a_cut_out_do_not_shine(same):
+    leaf = Texture(picture([255, 0, 0, 0]))
+    glow = Texture(picture([255] * (4 if same else 8)))
+    material = Material("sign", base_color_texture=leaf, emissive=(2.0,) * 3, emissive_texture=glow, alpha_mode="MASK")
+    light, mean = AreaLights()(material)
+    assert mean == pytest.approx((0.5,) * 3)
+    # Where the pictures differ in size, the whole shines as much as what is left of it.
+    assert [shining(light, u) for u in (0.125, 0.625)] == pytest.approx([2, 0] if same else [0.5, 0.5])
+
+
+def test_meshes_that_share_an_emissive_picture_hold_it_once_and_are_dimmed_alone():
+    glow = Texture(picture([255] * 4, 200))
+    materials = [Material(f"m{k}", emissive=(float(k + 1),) * 3, emissive_texture=glow) for k in range(2)]
+    scene = assemble("s", [floor(-k, int(k == 2), f"floor {k}", uv0=SQUARE[:, ::2]) for k in range(3)], materials)
+    lights = [shape.emitter() for shape in scene.mi.shapes()]
+    assert lights[0].radiance is lights[1].radiance is lights[2].radiance
+    once = shining(lights[0], 0.5)
+    assert scene.meshes[0].emission[0] == pytest.approx(once, rel=1e-3)
+    assert shining(lights[2], 0.5) == pytest.approx(2 * once)
+    dim(mi.traverse(scene.mi.shapes()[1]), "emitter.", 0.25)
+    assert [shining(light, 0.5) for light in lights] == pytest.approx([once, 0.25 * once, 2 * once])
 
 
 @pytest.mark.parametrize("mode, passed", [("OPAQUE", 0.0), ("BLEND", 0.7)])

@@ -115,6 +115,20 @@ def test_instances_become_meshes(tmp_path):
     assert boxes == [[4, 6], [4, 6], [-2, 2], [-2, 2]]
 
 
+def test_mirrored_instances_stay_the_right_way_out_and_flat_ones_are_left_out(tmp_path):
+    scene = loaded(
+        tmp_path,
+        """<shape type="shapegroup" id="g"><shape type="cube"/></shape>
+        <shape type="instance"><ref id="g"/><transform name="to_world"><scale x="-1"/></transform></shape>
+        <shape type="instance"><ref id="g"/><transform name="to_world"><scale x="0"/></transform></shape>""",
+    )
+    (box,) = scene.meshes
+    a, b, c = (box.positions[box.indices[:, k]] for k in range(3))
+    # The cube is around the origin.
+    assert (np.einsum("ti,ti->t", np.cross(b - a, c - a), a + b + c) > 0).all()
+    assert any("an instance without size is left out" in warning for warning in scene.warnings)
+
+
 @pytest.mark.parametrize(
     "bsdf,expected",
     [

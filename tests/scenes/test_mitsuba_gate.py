@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -192,6 +193,14 @@ def test_references_that_double_are_refused(tmp_path):
     assert "unfolds to more than" in refused(saved(tmp_path, body))
 
 
+def test_the_longest_parameter_is_meant_and_many_of_them_are_read_at_once(tmp_path):
+    many = "".join(f'<default name="p{k}" value="{k}"/>' for k in range(20_000))
+    body = many + f'<shape type="rectangle"><transform name="to_world"><scale value="$p12"/></transform></shape>{FLOOR}'
+    begin = perf_counter()
+    scene = load_mitsuba(saved(tmp_path, body))
+    assert scene.meshes[0].positions.max() == 12 and perf_counter() - begin < 10
+
+
 def test_parameters_that_grow_are_refused(tmp_path):
     grown = "".join(f'<default name="p{k + 1}" value="$p{k}$p{k}"/>' for k in range(60))
     assert "too long" in refused(saved(tmp_path, '<default name="p0" value="lol"/>' + grown + FLOOR))
@@ -340,6 +349,21 @@ def test_pictures_are_checked(tmp_path):
     refused(path)
     (tmp_path / "a.png").write_bytes(whole)
     assert "--limit texels=" in refused(path, limits=Limits(texels=1000))
+
+
+def test_pillow_opens_no_picture_in_a_format_that_runs_programs(tmp_path):
+    # With Ghostscript installed, Pillow would run it.
+    (tmp_path / "a.tga").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 8 8\n{} loop\n")
+    assert "'a.tga' is no picture" in refused(saved(tmp_path, texture("a.tga")))
+
+
+def test_what_reads_no_file_names_none(tmp_path):
+    """A name there would be read as if it had been checked."""
+    (tmp_path / "secret").write_bytes(b"a")
+    body = f'<bsdf type="diffuse" id="b"><string name="filename" value="{tmp_path}/secret"/></bsdf>{FLOOR}'
+    first = load_mitsuba(saved(tmp_path, body)).digest
+    (tmp_path / "secret").write_bytes(b"b")
+    assert load_mitsuba(saved(tmp_path, body)).digest == first
 
 
 @pytest.mark.parametrize(
