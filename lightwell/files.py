@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import math
 import os
+import stat
 import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from lightwell.limits import Limits
 
 Arrays = dict[str, np.ndarray]
 
+# Beginning of the names of files that lightwell keeps for itself: locks, checkpoints, samples.
+OWN_PREFIX = ".lightwell"
 # Largest unpacked size of an array file that lightwell writes, bytes.
 MOST_ARRAY_BYTES = 1 << 32
 
@@ -73,8 +76,7 @@ def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
         BaseException: Any other error of the calling code, unchanged.
     """
     path = Path(path)
-    # The process id keeps two bakes into the same folder from writing the same temporary file.
-    temporary = path.with_name(f".{path.name}.{os.getpid()}{suffix}")
+    temporary = _temporary(path, suffix)
     try:
         yield temporary
         flush(temporary)
@@ -86,6 +88,64 @@ def whole_file(path: str | Path, suffix: str = ".part") -> Iterator[Path]:
     except BaseException:
         _remove(temporary)
         raise
+
+
+def _temporary(path: Path, suffix: str = ".part") -> Path:
+    """The temporary name of a file; the process id keeps two processes from writing the same one."""
+    return path.with_name(f".{path.name}.{os.getpid()}{suffix}")
+
+
+def check_writable(path: str | Path) -> None:
+    """Refuse a file that cannot be written, before the work for it begins.
+
+    Args:
+        path: File to write. It need not exist, and is not changed.
+
+    Raises:
+        OSError: Its folder is missing or cannot be written, or a folder has its name; the message is that of
+            ``whole_file``.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        # Only an attempt tells whether a folder can be written: permissions do not say all.
+        temporary = _temporary(path)
+        temporary.touch()
+    except OSError as error:
+        error = explained(error, f"write '{path}'")
+        raise error
+    _remove(temporary)
+
+
+def files_beside(path: str | Path, without: Iterable[str | Path] = ()) -> Iterator[tuple[Path, os.stat_result]]:
+    """List the files that a scene's file may name: those in its folder and below, in the order of their names.
+
+    Names that begin with ``OWN_PREFIX`` are left out, and files that vanish meanwhile.
+
+    Args:
+        path: File of the scene.
+        without: Files and folders that are left out, such as what a command writes.
+
+    Yields:
+        Each file, as the folder of ``path`` and the name below it, with its size and time.
+    """
+    left_out = {os.path.realpath(name) for name in without}
+    for root, folders, names in os.walk(Path(path).parent):
+        here = os.path.realpath(root)
+        kept = {
+            name
+            for name in (*folders, *names)
+            if not name.startswith(OWN_PREFIX) and os.path.join(here, name) not in left_out
+        }
+        folders[:] = sorted(kept.intersection(folders))
+        for name in sorted(kept.intersection(names)):
+            try:
+                state = os.stat(os.path.join(root, name))
+            except FileNotFoundError:
+                continue
+            if stat.S_ISREG(state.st_mode):
+                yield Path(root, name), state
 
 
 def write_atomically(path: str | Path, data: bytes | str) -> int:

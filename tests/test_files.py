@@ -6,7 +6,15 @@ import os
 import numpy as np
 import pytest
 
-from lightwell.files import load_arrays, make_folder, save_arrays, whole_file, write_atomically
+from lightwell.files import (
+    check_writable,
+    files_beside,
+    load_arrays,
+    make_folder,
+    save_arrays,
+    whole_file,
+    write_atomically,
+)
 
 
 def test_failure_leaves_the_old_file(tmp_path, monkeypatch):
@@ -34,6 +42,33 @@ def test_a_file_in_place_of_a_folder_names_the_cure(tmp_path):
         make_folder(tmp_path / "out")
     with pytest.raises(NotADirectoryError, match="a file stands where a folder is expected"):
         write_atomically(tmp_path / "out" / "room.glb", b"")
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").write_bytes(b"old")
+    for name, kind, cure in (
+        ("nowhere/a.png", FileNotFoundError, "the folder does not exist; create it first"),
+        ("folder.png", IsADirectoryError, "a folder of that name exists"),
+        ("file/a.png", NotADirectoryError, "a file stands where a folder is expected"),
+    ):
+        with pytest.raises(kind, match=f"cannot write '.*{name}': .*{cure}"):
+            check_writable(tmp_path / name)
+    check_writable(tmp_path / "file")
+    check_writable(tmp_path / "new")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.png"]
+    assert (tmp_path / "file").read_bytes() == b"old"
+
+
+def test_files_beside_a_scene_are_listed_without_what_is_written_there(tmp_path):
+    for name in ("room.gltf", "b.bin", "textures/a.png", "out/scene.glb", ".lightwell/store/x", "a.log"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(name.encode())
+    (tmp_path / "gone").symlink_to(tmp_path / "nowhere")
+    found = {p.relative_to(tmp_path).as_posix(): s.st_size for p, s in files_beside(tmp_path / "room.gltf")}
+    assert list(found) == ["a.log", "b.bin", "room.gltf", "out/scene.glb", "textures/a.png"] and found["a.log"] == 5
+    without = files_beside(tmp_path / "room.gltf", [tmp_path / "textures/../out", tmp_path / "a.log"])
+    assert [path.name for path, _ in without] == ["b.bin", "room.gltf", "a.png"]
 
 
 def test_flushed_before_the_rename(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lightwell
@@ -80,6 +81,9 @@ def test_no_submodule_takes_the_place_of_a_function(tmp_path):
     assert picture["width"] == 16 and (tmp_path / "a.png").exists()
     facts = lightwell.samples("cornell", tmp_path / "s.npz", samples=64, paths=2)
     assert facts["samples"] == 64
+    with np.load(tmp_path / "s.npz") as columns:
+        assert {"position", "radiance", "shading_normal"} <= set(columns)
+        assert all(len(columns[name]) == 64 for name in columns)
     found = lightwell.compare("cornell", tmp_path / "fields", ["tree"], **TINY)
     assert [field["name"] for field in found["fields"]] == ["tree"] and "tree" in found._repr_html_()
 
@@ -113,6 +117,18 @@ def test_mistakes_are_one_line_with_the_cure(tmp_path, options, said):
         (["render", "cornell", "-o", "x.png", "--frames", "2"], "--frames is an option of the integrator 'nrc'"),
         (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--resume"], "--resume is for sequences"),
         (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--camera", "99"], "--camera 99 is none of them"),
+        (
+            "render cornell -o x --integrator nrc --frames 2 --nrc mode=still".split(),
+            "mode=still is for single pictures",
+        ),
+        (
+            "render cornell -o x.png --integrator nrc --nrc estimator=two-level --nrc seconds=1".split(),
+            "two-level keeps no time limit",
+        ),
+        (["bake", "cornell", "-o", "x", "--watch", "--preview"], "--watch and --preview do not go together"),
+        (["live", "cornell", "--field", "factored", "--size", "64"], "--size is of the radiance cache"),
+        (["live", "cornell", "--field", "factored", "--nrc", "levels=2"], "--nrc is of the radiance cache"),
+        (["live", "cornell", "--field", "factored", "--cache-from", "x.glb"], "--cache-from is of the radiance cache"),
         (["compare", "a", "b", "--seed", "1"], "--seed needs --fields"),
     ],
 )

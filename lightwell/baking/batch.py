@@ -18,14 +18,16 @@ from typing import Any
 import lightwell
 from lightwell.baking.side_by_side import COLUMNS, aligned
 from lightwell.core.keys import digest
-from lightwell.core.output import BATCH_FILES, holds_output
+from lightwell.core.output import BAKE_FILES, BATCH_FILES, holds_output
 from lightwell.core.progress import Progress
 from lightwell.core.scene_options import BUILTINS
-from lightwell.files import make_folder, write_atomically
+from lightwell.files import files_beside, make_folder, write_atomically
 from lightwell.report.batch_html import batch_html
 
 # States of a scene.
 DONE, FAILED, STARTED, WAITING = "done", "failed", "started", "waiting"
+# Folder of the logs of the scenes.
+LOGS = "logs"
 # Exit code of an interrupted command.
 INTERRUPTED = 130
 # Endings of scenes that are one file; others name files beside them.
@@ -45,10 +47,16 @@ class BatchScene:
     words: tuple[str, ...] = ()
     """Options of ``lightwell bake``."""
 
-    @property
-    def signature(self) -> str:
-        """Hash of everything that decides the bake: files of the scene, options, version."""
-        files = [] if self.source in BUILTINS else list(_file_states(Path(self.source)))
+    def signature(self, without: Sequence[Path] = ()) -> str:
+        """Compute the hash of everything that decides the bake: files of the scene, options, version.
+
+        Args:
+            without: Files and folders beside the scene that are none of it.
+
+        Returns:
+            Hexadecimal digits.
+        """
+        files = [] if self.source in BUILTINS else list(_file_states(Path(self.source), without))
         return digest(json.dumps([lightwell.__version__, self.source, self.words, files]).encode())
 
 
@@ -61,6 +69,18 @@ class BatchSettings:
     scenes: tuple[BatchScene, ...]
     force: bool = False
     """Overwrite files that lightwell did not write."""
+    aside: tuple[Path, ...] = ()
+    """Files that are no part of a scene that they lie beside: the log of the command, the settings file."""
+
+    def written(self) -> list[Path]:
+        """List what the batch writes: no part of a scene that it lies beside.
+
+        Returns:
+            Files and folders.
+        """
+        folders = [self.out, *(scene.out for scene in self.scenes)]
+        files = [file for folder in folders for name in (*BAKE_FILES, *BATCH_FILES) for file in folder.glob(name)]
+        return [*folders, self.out / LOGS, *files]
 
 
 @holds_output("batch", lambda settings: BATCH_FILES)
@@ -75,15 +95,13 @@ def batch(settings: BatchSettings, run: Callable[[Sequence[str]], int], progress
     Returns:
         Content of ``batch.json``.
     """
-    rows = [_begun(scene, settings.out) for scene in settings.scenes]
-    known = _known(settings.out)
+    known, without = _known(settings.out), [*settings.written(), *settings.aside]
+    # Before the first bake: an interrupt must not lose what an earlier run has said of later scenes.
+    rows = [_begun(scene, settings.out, known.get(scene.name, {}), without) for scene in settings.scenes]
     for k, (scene, row) in enumerate(zip(settings.scenes, rows)):
-        before = known.get(scene.name, {})
-        same = before.get("signature") == row["signature"]
-        if same and before.get("state") == DONE and (scene.out / "report.json").is_file():
-            rows[k] = before
+        if row["state"] == DONE:
             continue
-        resumed = same and before.get("state") == STARTED
+        resumed = row["state"] == STARTED
         rows[k] = row | {"state": STARTED}
         _write(settings.out, rows)
         progress.say(f"[bold]{scene.name}[/] ({k + 1} of {len(rows)}){', goes on' if resumed else ''}")
@@ -96,7 +114,7 @@ def batch(settings: BatchSettings, run: Callable[[Sequence[str]], int], progress
 
 def _baked(scene: BatchScene, out: Path, resumed: bool, run: Callable[[Sequence[str]], int]) -> dict[str, Any]:
     """Bake a scene; its state and figures."""
-    log = make_folder(out / "logs") / f"{scene.name}.txt"
+    log = make_folder(out / LOGS) / f"{scene.name}.txt"
     log.unlink(missing_ok=True)
     start = perf_counter()
     words = ["bake", scene.source, f"--out={scene.out}", "--config=none", f"--log={log}", *scene.words]
@@ -109,9 +127,15 @@ def _baked(scene: BatchScene, out: Path, resumed: bool, run: Callable[[Sequence[
     return {"state": DONE, "seconds": seconds} | _figures(scene.out)
 
 
-def _begun(scene: BatchScene, out: Path) -> dict[str, Any]:
+def _begun(scene: BatchScene, out: Path, before: Mapping[str, Any], without: Sequence[Path]) -> dict[str, Any]:
+    """The row of a scene before it is baked; that of an earlier run where it is finished or can go on."""
+    signature = scene.signature(without)
+    if before.get("signature") == signature:
+        finished = before.get("state") == DONE and (scene.out / "report.json").is_file()
+        if finished or before.get("state") == STARTED:
+            return dict(before)
     folder = scene.out.relative_to(out).as_posix() if scene.out.is_relative_to(out) else str(scene.out)
-    row = {"name": scene.name, "scene": scene.source, "folder": folder, "signature": scene.signature}
+    row = {"name": scene.name, "scene": scene.source, "folder": folder, "signature": signature}
     return row | {"state": WAITING, "reason": "", "seconds": None} | dict.fromkeys(_FIGURES)
 
 
@@ -161,15 +185,13 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([text, *failed])
 
 
-def _file_states(path: Path) -> Iterator[str]:
+def _file_states(path: Path, without: Sequence[Path]) -> Iterator[str]:
     """Hash of a scene's file, and size and time of the files beside it that it may name."""
     try:
         yield digest(path.read_bytes())
         if path.suffix.lower() in _ONE_FILE:
             return
-        for other in sorted(path.parent.rglob("*")):
-            state = other.stat()
-            if other.is_file():
-                yield f"{other.relative_to(path.parent).as_posix()} {state.st_size} {state.st_mtime_ns}"
+        for other, state in files_beside(path, without):
+            yield f"{other.relative_to(path.parent).as_posix()} {state.st_size} {state.st_mtime_ns}"
     except OSError as error:
         yield f"cannot be read: {error.strerror}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +54,14 @@ def write_samples(settings: SampleSettings) -> dict[str, Any]:
     Raises:
         ValueError: A mistake of the user: one line with the cure.
     """
-    from lightwell.files import save_arrays
+    from lightwell.files import check_writable, save_arrays
     from lightwell.scenes import load
     from lightwell.scenes.placing import sample_lights
     from lightwell.scenes.variables import declare
     from lightwell.transport import collect, draw_surface
+    from lightwell.transport.samples import columns_of
 
+    check_writable(settings.out)
     scene = load(settings.scene, **settings.loading)
     if settings.own_light and not scene.has_static_light:
         raise ValueError(f"samples: scene '{scene.name}' has no light of its own; leave --own-light out")
@@ -69,7 +71,7 @@ def write_samples(settings: SampleSettings) -> dict[str, Any]:
     light = places.repeat(POINTS_PER_LIGHT, axis=0)[:count]
     options = {"weight": draw.weight, "own_light": settings.own_light}
     found = collect(scene, variable, draw.points, light, settings.paths, settings.seed, **options)
-    columns = {f.name: getattr(found.query, f.name) for f in fields(found.query)}
+    columns = columns_of(found.query)
     columns |= {name: getattr(found, name) for name in ("half_a", "half_b", "radiance", "weight", "shape")}
     columns |= {"triangle": draw.points.triangle, "barycentric": draw.points.barycentric}
     save_arrays(settings.out, columns)

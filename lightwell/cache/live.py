@@ -12,7 +12,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats
 from lightwell.cache.live_bake import ChildBake
-from lightwell.cache.live_baked import baked_image
+from lightwell.cache.live_baked import baked_image, read_shown
 from lightwell.cache.live_commands import Command, parse_command
 from lightwell.cache.live_panel import LivePanel
 from lightwell.cache.live_picture import LivePicture
@@ -100,7 +100,7 @@ class LiveSession:
         """The last bake that was started; None: none."""
         self._baker = baker
         self._taken_over = True
-        # Why the last bake could not begin; '': it could.
+        # Why the last bake could not begin or be shown; '': it could.
         self._refusal = ""
         self._first_hit: np.ndarray | None = None
         self._baked_at = 0
@@ -186,8 +186,11 @@ class LiveSession:
         if state["running"]:
             return
         self._taken_over = True
-        if not state["failed"]:
-            self.baked, self._baked_at = BakedLight.read(self.bake.out / "scene.glb"), 0
+        try:
+            if not state["failed"]:
+                self.baked, self._baked_at = read_shown(self.live, self.bake.out / "scene.glb"), 0
+        except (ValueError, OSError) as error:
+            self._refusal = f"live: the bake cannot be shown: {error}"
 
     # ------------------------------------------------------------------ frames
 
@@ -207,8 +210,8 @@ class LiveSession:
     def frame(self) -> None:
         """Train, render what is shown, and encode it where it has changed."""
         # An untrained cache, or one whose scene has just changed, trains with larger frames; the light of its pictures
-        # has little weight.
-        if self.cache.schedule.eager:
+        # has little weight. A frozen one would stay as it is, and its picture would begin anew for ever.
+        if self.cache.schedule.eager and not self.cache.frozen:
             self.pictures["cache"].changed()
         with dr.suspend_grad():
             # While the camera moves, pictures come before training.

@@ -3,13 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from lightwell.cache.live_scene import LiveScene
-from lightwell.cache.warm_start import BakedLight, scattered
+from lightwell.cache.warm_start import BakedLight, check_light, scattered
 from lightwell.scenes.scene import Camera
 from lightwell.transport.camera import gbuffer
+
+
+def read_shown(live: LiveScene, path: Path) -> BakedLight:
+    """Read a bake that the page can show.
+
+    Args:
+        live: The scene of the page.
+        path: ``scene.glb`` of a bake of it.
+
+    Returns:
+        The fields.
+
+    Raises:
+        ValueError: The bake has things that move, lacks light of the scene, or reads what the page does not know.
+        OSError: The file cannot be read.
+    """
+    baked = BakedLight.read(path)
+    check_light(live, baked)
+    return baked
 
 
 def baked_image(live: LiveScene, baked: BakedLight, size: int) -> np.ndarray:

@@ -13,8 +13,9 @@ from lightwell.cache.tiles import FIRST, SLACK, Tiles
 EAGER_FRAMES, SMALL_FRAMES = 8, 4
 # Larger frames after a change of the scene; factor of the learning rate after one, and frames that have it.
 REACTION, BOOST, BOOST_FRAMES = 4, 2.0, 6
-# Frames in which a cache may grow brighter, because each can add a bounce of light.
-YOUNG = 48
+# Frames in which a cache may grow brighter, because each can add a bounce of light; gradient steps, because frames of
+# small pictures have few (32 x 32: one, and the cache grows for more than 48 + 64 frames).
+YOUNG, YOUNG_STEPS = 48, 512
 # Frames of training before a still: largest share of pixels, records, first side of the tiles, and their slack.
 STILL_FRACTION, STILL_RECORDS, STILL_SIDE, STILL_SLACK = 1.0, 1 << 17, 2.0, 0.4
 # The first frames before a still with a time limit find out whether training pays: their tiles are so many times wider.

@@ -289,6 +289,11 @@ class CacheSettings:
         image, estimator = self.image, self.estimation.estimator
         if image.denoise_frames > 1 and not (image.denoise and image.mode != "still"):
             raise ValueError("nrc: denoise_frames averages denoised frames; set denoise=true, and mode=frames or auto")
+        if image.seconds > 0 and estimator == "two-level":
+            # The paths of the second level are traced after the samples, and their number follows from them.
+            raise ValueError(
+                "nrc: estimator=two-level keeps no time limit; leave out seconds, or set estimator=residual or guided"
+            )
         biased = self.caching and estimator == "biased"
         if image.denoise_cache and not (image.denoise and biased and image.mode != "frames"):
             raise ValueError(

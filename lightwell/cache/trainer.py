@@ -20,7 +20,7 @@ from lightwell.cache.learner import Batch
 from lightwell.cache.predictor import Predictor
 from lightwell.cache.replay import Replay
 from lightwell.cache.scene_region import SceneRegion
-from lightwell.cache.schedule import FrameSchedule
+from lightwell.cache.schedule import YOUNG_STEPS, FrameSchedule
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.training_frame import FrameParameters, FrameShape, TracedRecords, choice_of, frozen_frame
 from lightwell.cache.training_stats import TrainingStats, noise_of
@@ -106,7 +106,7 @@ class Trainer:
         Args:
             level: Mean luminance of the predictions that ended training paths.
         """
-        if self.schedule.young:
+        if self.schedule.young or self.predictor.learner.averaged < YOUNG_STEPS:
             return
         if factor := self.growth.update(level):
             materials = self.region.materials

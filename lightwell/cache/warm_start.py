@@ -34,6 +34,11 @@ from lightwell.transport.samples import SurfacePoints
 STEPS, PASSES = 128, 2
 # The learning rate falls to this share of the first, as that of a still does.
 FINAL_RATE = 0.1
+# What a bake may lack, by the role of the field, and the cure.
+LACKS = {
+    "static": "the scene's own lights; bake it again without --no-static",
+    "indirect": "a point light; bake one, or leave out --cache-from",
+}
 
 
 @dataclass(frozen=True)
@@ -130,20 +135,36 @@ def scattered(live: LiveScene, loaded: Scene, points: SurfacePoints, baked: Bake
     Raises:
         ValueError: The bake lacks light that the scene has.
     """
+    check_light(live, baked)
     total = np.zeros((len(points), 3))
     if live.loaded.has_static_light:
-        if "static" not in baked.graphs:
-            raise ValueError(
-                f"nrc: '{baked.name}' has no field of the scene's own lights; bake it again without --no-static"
-            )
         total += _evaluated(baked, "static", loaded, points, np.zeros(3))
     if live.lamp is not None:
-        if "indirect" not in baked.graphs:
-            raise ValueError(f"nrc: '{baked.name}' has no field of a point light; leave out --cache-from or bake one")
         place = np.asarray(live.lamp.place, np.float32)
         indirect = _evaluated(baked, "indirect", loaded, points, place)
         total += live.lamp.intensity * (indirect + direct(loaded, points, place, declare((), loaded)))
     return np.where(np.isfinite(total), np.maximum(total, 0), 0)
+
+
+def check_light(live: LiveScene, baked: BakedLight) -> None:
+    """Refuse a bake whose light cannot stand for that of the scene.
+
+    Args:
+        live: Mitsuba scene that will be rendered, with its lamp.
+        baked: Fields of a bake of that scene.
+
+    Raises:
+        ValueError: The bake lacks light that the scene has, or a field reads what is not known here.
+    """
+    roles = ["static"] if live.loaded.has_static_light else []
+    for role in [*roles, "indirect"] if live.lamp is not None else roles:
+        if role not in baked.graphs:
+            raise ValueError(f"nrc: '{baked.name}' has no field of {LACKS[role]}")
+        if missing := sorted(set(baked.graphs[role].inputs) & {"uv", "uv1"}):
+            raise ValueError(
+                f"nrc: the field of '{baked.name}' reads {', '.join(missing)}, which a cache does not know; "
+                "bake the scene with --field factored"
+            )
 
 
 def _evaluated(
@@ -151,12 +172,6 @@ def _evaluated(
 ) -> np.ndarray:  # fmt: skip
     """[N, 3] radiance of one field."""
     graph = baked.graphs[role]
-    missing = sorted(set(graph.inputs) & {"uv", "uv1"})
-    if missing:
-        raise ValueError(
-            f"nrc: the field of '{baked.name}' reads {', '.join(missing)}, which a cache does not know; "
-            "bake the scene with --field factored"
-        )
     # Groups of lamps as they were baked: factors of 1.
     frame = {"lamps": np.ones(graph.inputs["lamps"], np.float32)} if "lamps" in graph.inputs else {}
     return Baked(graph, frame)(make_query(loaded, points, light))

@@ -118,7 +118,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     Returns:
         Exit code.
+
+    Raises:
+        ValueError: ``--watch`` and ``--preview`` are both given.
     """
+    if arguments.watch and arguments.preview:
+        raise ValueError("bake: --watch and --preview do not go together; leave one of them out")
     if arguments.watch:
         from lightwell.cli.watched import bake_and_watch
 

@@ -24,7 +24,11 @@ writes
 The same command goes on where an interrupted one was: finished scenes whose files and options have not changed are
 kept. A scene that fails does not end the batch. Options of bake that are given here hold for every scene."""
 # Options that belong to the batch, not to its bakes.
-OWN = ("out", "json", "config", "log", "force", "resume", "target", "verb", "words")
+OWN = (
+    "out", "json", "config", "log", "force", "resume", "target", "verb", "words",
+    # Of a bake that somebody looks at: it would wait for saves, or for Ctrl-C.
+    "preview", "watch", "port", "no_open",
+)  # fmt: skip
 # Names that are folders on every system.
 _NAME = re.compile(r"[\w][\w .-]*")
 
@@ -58,8 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(scenes.pop("out"))
     made = tuple(BatchScene(name, source, Path(folder), words) for name, (source, folder, words) in scenes.items())
-    force = hasattr(arguments, "force")
-    numbers = batch(BatchSettings(out, made, force), run_child, Progress(quiet=arguments.json))
+    aside = tuple(Path(name) for name in (arguments.target, arguments.config or FILE, arguments.log) if name)
+    settings = BatchSettings(out, made, hasattr(arguments, "force"), aside)
+    numbers = batch(settings, run_child, Progress(quiet=arguments.json))
     if arguments.json:
         print(json.dumps(numbers, indent=1))
     return int(any(row["state"] == FAILED for row in numbers["scenes"]))

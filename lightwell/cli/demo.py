@@ -22,7 +22,10 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
         argv: Words after the verb.
     """
     parser.add_argument(
-        "scene", nargs="?", default="courtyard", help="cornell, courtyard, loft or two-rooms (default: %(default)s)"
+        "scene",
+        nargs="?",
+        default="courtyard",
+        help="cornell, courtyard, courtyard-day, doorway, loft or two-rooms (default: %(default)s)",
     )
     parser.add_argument("-o", "--out", default="demo", help="folder to write (default: %(default)s)")
     parser.add_argument("--no-open", action="store_true", help="do not serve or open the page afterwards")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -44,7 +45,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     Raises:
         Exception: A defect of lightwell, with its traceback.
     """
-    words = [str(word) for word in (sys.argv[1:] if argv is None else argv)]
+    try:
+        return _main([str(word) for word in (sys.argv[1:] if argv is None else argv)])
+    finally:
+        _drop_output()
+
+
+def _main(words: list[str]) -> int:
     verb = words[0] if words and words[0] in VERBS else ""
     arguments = argparse.Namespace(verb=verb, started=perf_counter())
     interrupts = Interrupts()
@@ -61,11 +68,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             with logged(getattr(arguments, "log", None), words):
                 check_arguments(arguments)
                 apply_machine_options(arguments)
-                return module.run(arguments)
+                code: int = module.run(arguments)
+            if sys.stdout is not None:
+                sys.stdout.flush()  # Here a full disk is still an error of one line.
+            return code
     except KeyboardInterrupt:
         return _interrupted(arguments)
     except BrokenPipeError:
-        return 0
+        return 0  # The reader has seen enough (``| head``).
     except Exception as error:
         if interrupts.received:
             return _interrupted(arguments)
@@ -73,6 +83,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"lightwell: {_one_line(error)}", file=sys.stderr)
         return USAGE_ERROR
+
+
+def _drop_output() -> None:
+    """Drop what standard output still holds and cannot write: the interpreter would complain at its end (code 120)."""
+    if getattr(sys.stdout, "closed", True):
+        return
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with open(os.devnull, "w") as nothing:
+            os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
 def _configured(verb: str, words: list[str]) -> list[str]:
@@ -155,6 +176,8 @@ def _one_line(error: BaseException) -> str:
         what = "" if text in ("MemoryError", "std::bad_alloc") else f" ({text[:200]})"
         return f"needs more memory than this machine has{what}; choose a smaller scene, picture or preset"
     if isinstance(error, OSError) and text.startswith("[Errno"):
+        if (said := str(error.strerror)).startswith("cannot "):
+            return said  # ``files.explained`` has named the file and the cure.
         from lightwell.files import CURES
 
         cure = CURES.get(error.errno or 0, "")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lightwell.cli.arguments import add_json, add_options, add_scene, given_options
-from lightwell.rendering.settings import INTEGRATORS, RenderSettings, check_picture_name
+from lightwell.rendering.settings import INTEGRATORS, RenderSettings, check_picture
 
 
 def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     given = given_options(arguments, RenderSettings, "render")
     settings = RenderSettings(scene=arguments.scene, out=Path(arguments.out), options=options, **given)
     if getattr(settings.options, "frames", None) is None:
-        check_picture_name(settings.out)
+        check_picture(settings.out)
     from lightwell.rendering.integrators import render
 
     facts = render(settings, quiet=arguments.json)

@@ -7,10 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from lightwell.baking.settings import BakeSettings
+from lightwell.core.output import BAKE_FILES
 from lightwell.core.scene_options import BUILTINS
+from lightwell.files import files_beside
 
 # Seconds between two looks at the files, and after which a file that does not change any more is taken to be saved.
 LOOK, SETTLED = 0.5, 1.0
@@ -37,10 +41,11 @@ def bake_and_watch(arguments: argparse.Namespace, asked: BakeSettings) -> int:
         raise ValueError(f"bake: --watch looks at a file, and '{asked.scene}' has none; name a .glb, .gltf or .xml")
     from lightwell.cli.run_bake import run_bake
 
-    path = Path(asked.scene)
-    before = file_states(path)
+    log = None if getattr(arguments, "log", None) is None else Path(arguments.log)
+    look = partial(file_states, Path(asked.scene), asked.out, log)
+    before = look()
     run_bake(arguments, replace(asked, keep=True))
-    for _ in saves(path, before):
+    for _ in saves(look, before):
         started = time.perf_counter()
         try:
             arguments.started = started
@@ -68,11 +73,13 @@ def edited(asked: BakeSettings) -> BakeSettings:
     return replace(asked, keep=True, resume=False, options=replace(asked.options, rebake=asked.out))
 
 
-def saves(path: Path, before: FileStates, wait: Callable[[float], None] = time.sleep) -> Iterator[FileStates]:
+def saves(
+    look: Callable[[], FileStates], before: FileStates, wait: Callable[[float], None] = time.sleep
+) -> Iterator[FileStates]:
     """Wait for changes of a scene's files.
 
     Args:
-        path: File of the scene.
+        look: Reads the state of the files, as ``file_states`` does.
         before: State of its files as they were baked.
         wait: Waits for some seconds.
 
@@ -81,12 +88,12 @@ def saves(path: Path, before: FileStates, wait: Callable[[float], None] = time.s
     """
     while True:
         wait(LOOK)
-        now = file_states(path)
+        now = look()
         if now == before or not now:
             continue
         while True:
             wait(SETTLED)
-            later = file_states(path)
+            later = look()
             if later == now:
                 break
             now = later
@@ -95,18 +102,23 @@ def saves(path: Path, before: FileStates, wait: Callable[[float], None] = time.s
             yield now
 
 
-def file_states(path: Path) -> FileStates:
+def file_states(path: Path, out: Path | None = None, log: Path | None = None) -> FileStates:
     """Read size and time of a scene's file, and of the files beside it that it may name.
 
     Args:
         path: File of the scene.
+        out: Folder that the bake writes, which may lie beside the scene or be its folder; None: there is none.
+        log: Log of the command; None: there is none.
 
     Returns:
-        Name, bytes and time of each; empty where the file is missing for the moment.
+        Name, bytes and time of each; empty where the file is missing for the moment. What the bake itself writes is no
+        change of the scene.
     """
     try:
-        names = [path] if path.suffix.lower() == ".glb" else [path, *sorted(path.parent.rglob("*"))[:MOST_FILES]]
-        found = [(str(name), name.stat()) for name in names if name.is_file()]
-        return tuple((name, state.st_size, state.st_mtime_ns) for name, state in found) if path.is_file() else ()
+        found = [(path, path.stat())]
+        if path.suffix.lower() != ".glb":
+            written = [] if out is None else [out, *(file for pattern in BAKE_FILES for file in out.glob(pattern))]
+            found += islice(files_beside(path, [*written, *filter(None, [log])]), MOST_FILES)
+        return tuple((str(name), state.st_size, state.st_mtime_ns) for name, state in found) if path.is_file() else ()
     except OSError:
         return ()

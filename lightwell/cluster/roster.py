@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,6 +17,8 @@ from lightwell.cluster.worker import SceneSource
 # Seconds between two looks at the workers, and until the first one must be ready.
 LOOK, FIRST = 2.0, 600.0
 POLL = 0.1
+# Tests of a worker that end with an error before it is refused: the first may be an accident.
+MOST_ERRORS = 2
 # Seconds in which another worker may come where all were refused.
 GRACE = 10.0
 # What must agree besides the bytes, for the message.
@@ -47,6 +50,8 @@ class Roster:
         self._ready: dict[str, int] = {}
         self._proving: dict[str, Future] = {}
         self._refused: dict[str, str] = {}
+        # Tests that ended with an error, by address.
+        self._errors: Counter[str] = Counter()
         self._looked = -LOOK
         self._files: dict[str, bytes] | None = None
         self.mixed = False
@@ -145,12 +150,18 @@ class Roster:
 
     def _judge(self, address: str, future: Future, threads: int) -> None:
         """Take a worker, refuse it, or send it the scene."""
+        if future.status == "error":
+            self._errors[address] += 1
+            if self._errors[address] >= MOST_ERRORS:
+                error = future.exception()
+                said = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+                self._refuse(address, f"cannot be tested ({said}); look at its log")
+            return
         if future.status != "finished":
             return  # It died; if it comes back, it is tested again.
         found, has_scene = future.result()
         if wrong := self._fault(found):
-            self._refused[address] = f"cluster: worker {address} {wrong}"
-            self._say(f"[yellow]{self._refused[address]}")
+            self._refuse(address, wrong)
         elif has_scene:
             self._ready[address] = threads
             self._seen.add(address)
@@ -158,8 +169,11 @@ class Roster:
         elif self._files is None or found.get("sent") != "yes":
             self._send(address)
         else:
-            self._refused[address] = f"cluster: worker {address} cannot load the scene '{self._source.source}'"
-            self._say(f"[yellow]{self._refused[address]}")
+            self._refuse(address, f"cannot load the scene '{self._source.source}'")
+
+    def _refuse(self, address: str, why: str) -> None:
+        self._refused[address] = f"cluster: worker {address} {why}"
+        self._say(f"[yellow]{self._refused[address]}")
 
     def _send(self, address: str) -> None:
         if self._files is None:

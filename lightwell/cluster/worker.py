@@ -10,7 +10,7 @@ import platform
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ import numpy as np
 import lightwell
 from lightwell.cluster.work import MadeInputs, Order, Work
 from lightwell.core.keys import digest
+from lightwell.files import files_beside
 from lightwell.scenes import load
 from lightwell.scenes.executor import Arrays, Inputs
 from lightwell.scenes.scene import Scene
@@ -84,25 +85,34 @@ def take_scene(source: SceneSource, files: Mapping[str, bytes] | None = None) ->
         files: Contents by path relative to the scene's folder; None: read the path.
 
     Returns:
-        Whether the worker has the scene now. False where its path does not exist here or holds another scene.
+        Whether the worker has the scene now. False where its path does not exist here or holds another scene, and where
+        the files that were sent cannot be loaded.
+
+    Raises:
+        ValueError: A file that is sent would lie outside of the scene's folder.
     """
     with _LOCK:
         if source.digest in _SCENES:
             return True
-        if files is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                scene = load(str(_written(files, Path(folder), Path(source.source).name)), **source.loading)
+        if files is None:
+            scene = _loaded(source.source, source)
         else:
-            try:
-                scene = load(source.source, **source.loading)
-            except (OSError, ValueError):
-                return False
-        if scene.digest != source.digest:
+            with tempfile.TemporaryDirectory() as folder:
+                scene = _loaded(_written(files, Path(folder), Path(source.source).name), source)
+        if scene is None or scene.digest != source.digest:
             return False
         _SCENES[source.digest] = scene
         while len(_SCENES) > MOST_SCENES:
             _SCENES.popitem(last=False)
         return True
+
+
+def _loaded(path: str | Path, source: SceneSource) -> Scene | None:
+    """The scene of a path; None where it cannot be loaded here, which asking again does not change."""
+    try:
+        return load(str(path), **source.loading)
+    except (OSError, ValueError, RuntimeError):
+        return None
 
 
 def compute(work: Work, arrays: Arrays | None) -> tuple[str, Arrays | str]:
@@ -160,18 +170,35 @@ def scene_files(source: SceneSource, most: int = 1 << 30) -> dict[str, bytes]:
         Contents by path relative to the scene's folder; empty for a built-in scene.
 
     Raises:
-        ValueError: The folder of the scene holds more; one line with the cure.
+        ValueError: The folder of the scene holds more, or a file of it cannot be read; one line with the cure.
     """
     path = Path(source.source)
     if not path.is_file():
         return {}
-    names = [path] if path.suffix.lower() == ".glb" else [p for p in sorted(path.parent.rglob("*")) if p.is_file()]
-    if sum(name.stat().st_size for name in names) > most:
+    try:
+        others: Iterable[tuple[Path, os.stat_result]] = () if path.suffix.lower() == ".glb" else files_beside(path)
+        sizes = {path: path.stat().st_size} | {name: state.st_size for name, state in others}
+        if sum(sizes.values()) > most:
+            raise ValueError(
+                f"cluster: the folder of '{path.name}' holds more than {most >> 20} MB; put the scene into a folder of "
+                "its own, or into one that all machines share"
+            )
+        found = {name: _content(name) for name in sizes}
+    except OSError as error:
+        # Errors of the system are those of a lost connection elsewhere: this one would be tried again for ever.
         raise ValueError(
-            f"cluster: the folder of '{path.name}' holds more than {most >> 20} MB; put the scene into a folder of its "
-            "own, or into one that all machines share"
-        )
-    return {os.fspath(name.relative_to(path.parent)): name.read_bytes() for name in names}
+            f"cluster: cannot read '{error.filename}' for the workers ({error.strerror}); change its permissions, or "
+            "put the scene into a folder of its own"
+        ) from error
+    return {os.fspath(name.relative_to(path.parent)): data for name, data in found.items() if data is not None}
+
+
+def _content(path: Path) -> bytes | None:
+    """Bytes of a file; None where it has vanished, as temporary files do."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        return None
 
 
 def _written(files: Mapping[str, bytes], folder: Path, name: str) -> Path:

@@ -8,7 +8,7 @@ from lightwell.asset.export import Exported
 from lightwell.asset.records import FieldEntry
 from lightwell.engines.bake import Bake
 from lightwell.engines.exr_files import exr_bytes
-from lightwell.engines.shaders import function_name, shader_files
+from lightwell.engines.shaders import function_names, shader_files
 from lightwell.engines.text import render
 from lightwell.limits import Limits
 
@@ -39,26 +39,35 @@ def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
     """
     printed_files, printed = shader_files(bake, "hlsl", limits)
     made = {name.replace(".hlsl", ".ush"): data for name, data in printed_files.items()}
+    names = function_names(bake.fields)
     for entry in bake.fields:
-        name = function_name(entry)
-        made[f"{name}.custom-node.txt"] = custom_node(entry, printed[name]).encode()
+        name = names[entry.name]
+        made[f"{name}.custom-node.txt"] = custom_node(entry, name, printed[name]).encode()
     if bake.light_map is not None:
         made["light_map.exr"] = exr_bytes(bake.light_map)
     return made
 
 
-def custom_node(entry: FieldEntry, printed: Exported) -> str:
+def custom_node(entry: FieldEntry, name: str, printed: Exported) -> str:
     """Describe the Custom node of a field.
 
     Args:
         entry: The field.
+        name: Name of its function.
         printed: Its HLSL.
 
     Returns:
         Text with the inputs, the textures and the code of the node.
+
+    Raises:
+        ValueError: The field reads what Unreal has no input for, such as the dimmers of lamps.
     """
-    name = function_name(entry)
     used = [input for input in entry.graph.only("radiance").inputs]
+    if unknown := [input for input in used if input not in INPUTS]:
+        raise ValueError(
+            f"export: field '{entry.name}' reads {', '.join(unknown)}, which a Custom node of Unreal has not; take it "
+            f"with --to hlsl --field {entry.name}, or bake without --lamps"
+        )
     textures = re.findall(r"Texture2D<float4> (\w+)", printed.text.split(f"float3 {name}(")[-1].split(")")[0])
     sampled = [texture for texture in textures if texture in printed.pictures]
     arguments = [INPUTS[input][1] for input in used]

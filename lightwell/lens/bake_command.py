@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import check_writable, make_folder
 from lightwell.lens import aperture, families
 from lightwell.lens.bake import bake_nodes
 from lightwell.lens.errors import LensError
@@ -61,6 +62,7 @@ def run_bake(arguments: argparse.Namespace) -> int:
 
     Raises:
         LensError: The preset is unknown, or the family has too many nodes.
+        OSError: The library, or a file of ``--two-arrays``, cannot be written.
     """
     if arguments.preset not in PRESETS:
         raise LensError(f"lens: preset {arguments.preset!r}; choose {', '.join(PRESETS)}")
@@ -69,6 +71,11 @@ def run_bake(arguments: argparse.Namespace) -> int:
         raise LensError(
             f"lens bake: {family.size} nodes are more than {MOST_NODES}; lower --largest or --longest or raise --noise"
         )
+    make_folder(path.parent)
+    check_writable(path)
+    arrays = None if arguments.two_arrays is None else make_folder(arguments.two_arrays)
+    if arrays is not None:
+        check_writable(arrays / "points.npy")
     library = Library(family, LensSettings(preset=arguments.preset).recipe())
     start = time.perf_counter()
     with bars(arguments.json) as bar:
@@ -85,11 +92,9 @@ def run_bake(arguments: argparse.Namespace) -> int:
         "bytes": path.stat().st_size,
         "seconds": round(time.perf_counter() - start, 2),
     }
-    if arguments.two_arrays:
-        folder = Path(arguments.two_arrays)
-        folder.mkdir(parents=True, exist_ok=True)
+    if arrays is not None:
         points, ends = two_arrays(library)
-        np.save(folder / "points.npy", points)
-        np.save(folder / "counts.npy", ends)
+        np.save(arrays / "points.npy", points)
+        np.save(arrays / "counts.npy", ends)
     print(json.dumps(facts, indent=1) if arguments.json else ", ".join(f"{k} {v}" for k, v in facts.items()))
     return 0

@@ -14,7 +14,7 @@ from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.settings import CacheSettings
 from lightwell.cache.warm_start import BakedLight, warm_start
-from lightwell.rendering.settings import RenderSettings, check_picture_name
+from lightwell.rendering.settings import RenderSettings, check_picture
 from lightwell.rendering.shot import Shot, write_shot
 
 
@@ -67,8 +67,9 @@ class Film:
 
         Raises:
             ValueError: The picture's name is of no known kind.
+            OSError: The picture cannot be written.
         """
-        check_picture_name(settings.out)
+        check_picture(settings.out)
         return Film(settings)
 
     def turn(self, radians: float) -> None:

@@ -14,7 +14,7 @@ from lightwell.core.lamps import DAY, parse_day, parse_lamps, parse_settings
 from lightwell.core.mover_texts import parse_movers
 from lightwell.core.sun_path import DAY_EXAMPLE
 from lightwell.rendering.deep import write_deep
-from lightwell.rendering.settings import RenderSettings, check_picture_name
+from lightwell.rendering.settings import RenderSettings, check_picture
 from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
@@ -38,8 +38,9 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
 
     Raises:
         ValueError: A deep picture of a light with a sky is asked for, or a node that is not there.
+        OSError: The picture cannot be written.
     """
-    check_picture_name(settings.out)
+    check_picture(settings.out)
     shot = Shot.of(settings)
     moved, texts = parse_movers(settings.set)
     hour, texts = parse_day(texts)

@@ -41,12 +41,17 @@ def render_sequence(
 
     Returns:
         Facts about the sequence; JSON values.
+
+    Raises:
+        ValueError: The cache asks for stills, or the folder holds another sequence that is to be resumed.
     """
+    if cache.image.mode == "still":
+        raise ValueError("render: --nrc mode=still is for single pictures; leave it out, or --frames")
     options: NrcOptions = settings.options
     folder, frames, kind = Path(settings.out), options.frames or 1, options.format or "exr"
     with output_folder(folder, "render", FRAME_FILES, options.force):
-        again = _is_begun(folder, _plan(settings, cache, degrees), options.resume)
         film = Film(settings)
+        again = _is_begun(folder, _plan(settings, cache, degrees, film.shot.scene.digest), options.resume)
         integrator = NrcIntegrator(settings=cache.changed(mode="frames"))
         step = math.radians(degrees) / frames
         done, exposure = _resumed(folder, integrator, film, step, kind) if again else (0, film.exposure)
@@ -66,10 +71,11 @@ def render_sequence(
     return {"frames": frames, "rendered": frames - done, "seconds": time.perf_counter() - start, "folder": str(folder)}
 
 
-def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float) -> dict[str, Any]:
+def _plan(settings: RenderSettings, cache: CacheSettings, degrees: float, digest: str) -> dict[str, Any]:
     """Settings that determine the frames of a sequence; a sequence with other settings is not resumed."""
     plan = {
         "scene": str(settings.scene),
+        "digest": digest,
         "size": list(settings.size),
         "spp": settings.spp,
         "frames": settings.options.frames,

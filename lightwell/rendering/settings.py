@@ -122,17 +122,22 @@ class NrcOptions:
             raise ValueError(f"render: --cache-from '{self.cache_from}' does not exist; name the scene.glb of a bake")
 
 
-def check_picture_name(path: Path) -> None:
-    """Refuse a file name that ends in neither .png nor .exr.
+def check_picture(path: Path) -> None:
+    """Refuse a picture that cannot be written, before anything is loaded.
 
     Args:
         path: The file.
 
     Raises:
-        ValueError: The ending is another one.
+        ValueError: Its name ends in neither .png nor .exr.
+        OSError: Its folder is missing or cannot be written, or a folder has its name.
     """
     if path.suffix.lower() not in (".png", ".exr"):
         raise ValueError(f"render: '{path}' is neither .png nor .exr; choose one of them")
+    # Imported here, because it imports NumPy.
+    from lightwell.files import check_writable
+
+    check_writable(path)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import threading
 import time
 from collections import deque
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,12 +24,17 @@ from lightwell.cache.live_bake import ChildBake
 from lightwell.cache.live_baked import baked_image
 from lightwell.cache.live_commands import parse_command
 from lightwell.cache.live_server import open_live
+from lightwell.cache.settings import parse_options
 from lightwell.cache.warm_start import BakedLight
+from lightwell.cli.live import check_cache
 from lightwell.fields.budget import Budget
 from lightwell.limits import Limits
 from lightwell.rendering.sequence import render_sequence
 from lightwell.rendering.settings import RenderSettings
+from lightwell.scenes import load
+from tests.plain_glb import write_plain
 
+ROOT = Path(__file__).parents[2]
 SMALL = {"levels": 2, "entries_log2": 8, "batch": 512, "steps": 1, "train_fraction_max": 1.0, "max_vertices": 4}
 
 
@@ -127,6 +134,26 @@ def test_every_command_of_the_page_is_one():
         {"do": "paint", "material": 2, "roughness": 0.3}, {"do": "show", "picture": "first-hit"}, {"do": "bake"},
     ):  # fmt: skip
         assert parse_command(json.dumps(order).encode(), (-1, 4), (2,)).do == order["do"]
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("estimator=guided", "no cache is learned"),
+        ("termination_c=inf", "no cache is learned"),
+        ("estimator=residual", "--nrc estimator=… is for 'lightwell render'"),
+        ("first_hit=restir-di", "--nrc first_hit=…"),
+        ("view=cache", "--nrc view=…"),
+        ("denoise=true", "--nrc denoise=…"),
+        ("seconds=3", "--nrc seconds=…"),
+        ("mode=still", "--nrc mode=…"),
+        ("guide=true", "--nrc guide=…"),
+    ],
+)
+def test_options_that_the_page_would_ignore_are_refused(option, said):
+    with pytest.raises(ValueError, match=said):
+        check_cache(parse_options([option]))
+    check_cache(parse_options(["preset=paper", "levels=4", "tail_attenuation=0.9", "budget=low"]))
 
 
 def test_a_session_renders_obeys_and_goes_on():
@@ -237,6 +264,48 @@ def test_a_bake_that_cannot_begin_is_said_and_ends_nothing(tmp_path):
     assert "start again with another -o" in state["bake"]["failed"] and not state["failure"] and not state["baked"]
 
 
+@pytest.mark.parametrize("found", ["nothing", "a light map"])
+def test_a_bake_that_cannot_be_shown_is_said_and_ends_nothing(tmp_path, found):
+    if found == "a light map":
+        shutil.copy(ROOT / "web/test/fixtures/lightmap.glb", tmp_path / "scene.glb")
+    baker = Baker(tmp_path)
+    session = LiveSession("cornell", settings_of(SMALL), 24, baker=baker)
+    session.command({"do": "bake"})
+    session.obey()
+    baker.running = False
+    thread = threading.Thread(target=session.loop, daemon=True)
+    thread.start()
+    try:
+        wait_for(lambda: session.state()["bake"]["failed"])
+        number = session.frames
+        wait_for(lambda: session.frames > number)
+    finally:
+        session.running = False
+        thread.join(60)
+    assert "the bake cannot be shown: " in session.state()["bake"]["failed"]
+    assert not session.failure and not session.state()["baked"]
+    with pytest.raises(ValueError, match="nothing is baked yet"):
+        session.command({"do": "show", "picture": "baked"})
+
+
+def test_the_picture_of_a_frozen_cache_gets_better_after_a_change():
+    session = LiveSession("cornell", settings_of(SMALL), 24)
+    light = next(t["index"] for t in session.live.things if t["light"])
+    session.command({"do": "freeze"})
+    session.command({"do": "brighten", "thing": light, "factor": 0.5})
+    session.obey()
+    assert session.cache.schedule.eager
+    for _ in range(12):
+        session.frame()
+    # Each frame adds a sample to a quarter of the pixels.
+    assert session.pictures["cache"].spp == 3
+    session.command({"do": "show", "picture": "difference"})
+    session.obey()
+    for _ in range(8):
+        session.frame()
+    assert session.pictures["cache"].spp == session.pictures["path"].spp == 2
+
+
 def wait_for(holds, seconds=30):
     """Wait until something holds."""
     end = time.monotonic() + seconds
@@ -276,10 +345,21 @@ def test_a_sequence_resumes_and_refuses_another_plan(tmp_path):
     assert run()["rendered"] == 3 and (tmp_path / "frame-0002.png").exists()
 
 
+def test_a_sequence_of_another_state_of_the_file_is_not_resumed(tmp_path):
+    scene, options = tmp_path / "room.glb", {"frames": 1, "resume": True}
+    asked = RenderSettings(str(scene), tmp_path / "out", (8, 6), 1, integrator="nrc", options=options)
+    write_plain(scene, load("cornell"))
+    assert render_sequence(asked, settings_of(SMALL))["rendered"] == 1
+    assert render_sequence(asked, settings_of(SMALL))["rendered"] == 0
+    write_plain(scene, load("two-rooms"))
+    with pytest.raises(ValueError, match="another animation"):
+        render_sequence(asked, settings_of(SMALL))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.3, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0])
 def test_an_interrupt_at_any_time_is_exit_code_130_and_quiet(delay):
-    command = [sys.executable, "-m", "lightwell", "live", "cornell", "--no-open", "--size", "64"]
+    command = [sys.executable, "-m", "lightwell", "live", "cornell", "--no-open", "--size", "32"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # From imports over the scene and the compilation of kernels to the first frames.
     time.sleep(delay)

@@ -8,7 +8,7 @@ import pytest
 from lightwell.cache import RadianceCache, settings_of
 from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.views import view
-from lightwell.cache.warm_start import BakedLight, scattered, warm_start
+from lightwell.cache.warm_start import BakedLight, check_light, scattered, warm_start
 from lightwell.graph import Builder
 from lightwell.rendering.settings import NrcOptions
 from lightwell.scenes import load
@@ -51,6 +51,10 @@ def test_a_bake_without_the_light_of_the_scene_is_refused(room):
         warm_start(cache, live, loaded, BakedLight("x.glb", {"static": constant(1.0)}), 1, 2)
     with pytest.raises(ValueError, match="reads uv1, which a cache does not know"):
         warm_start(cache, live, loaded, BakedLight("x.glb", {"indirect": constant(1.0, "uv1")}), 1, 2)
+    # The page asks before it offers such a bake.
+    with pytest.raises(ValueError, match="reads uv1"):
+        check_light(live, BakedLight("x.glb", {"indirect": constant(1.0, "uv1")}))
+    check_light(live, BakedLight("x.glb", {"indirect": constant(1.0)}))
 
 
 def test_a_field_of_bent_normals_is_taken(room):

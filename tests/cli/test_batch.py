@@ -84,6 +84,40 @@ def test_changed_scenes_options_and_lost_reports_are_baked_anew(tmp_path):
     assert len(runs.lines) == 3 and runs.lines[0][-1] == "--seed=4"
 
 
+def test_an_interrupt_keeps_what_is_finished_or_begun_behind_it(tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        run(settings(tmp_path, "abcd"), Runs({"d": 130}))
+    (tmp_path / "a.glb").write_bytes(b"moved")
+    with pytest.raises(KeyboardInterrupt):
+        run(settings(tmp_path, "abcd"), Runs({"a": 130}))
+    found = json.loads((tmp_path / "out/batch.json").read_text())["scenes"]
+    assert [row["state"] for row in found] == [STARTED, DONE, DONE, STARTED]
+    runs = Runs()
+    run(settings(tmp_path, "abcd"), runs)
+    assert [words[1][-5:] for words in runs.lines] == ["a.glb", "d.glb"]
+    assert all("--resume" in words for words in runs.lines)
+
+
+@pytest.mark.parametrize("out", ["out", "."])
+def test_what_the_batch_writes_beside_its_scenes_is_none_of_them(tmp_path, out):
+    scenes = []
+    for name in "ab":
+        (tmp_path / f"{name}.gltf").write_text("{}")
+        scenes.append(BatchScene(name, str(tmp_path / f"{name}.gltf"), tmp_path / out / name))
+    log = tmp_path / "batch.log"
+    asked = BatchSettings(tmp_path / out, tuple(scenes), aside=(log,))
+    with pytest.raises(KeyboardInterrupt):
+        run(asked, Runs({"b": 130}))
+    log.write_text("ended")
+    runs = Runs()
+    run(asked, runs)
+    assert [words[1][-6:] for words in runs.lines] == ["b.gltf"] and "--resume" in runs.lines[0]
+    (tmp_path / "a.bin").write_bytes(b"1")
+    runs = Runs()
+    run(asked, runs)
+    assert len(runs.lines) == 2
+
+
 def test_options_of_file_and_line_and_mistakes_before_the_first_bake(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runs = Runs()
@@ -100,6 +134,18 @@ def test_options_of_file_and_line_and_mistakes_before_the_first_bake(tmp_path, c
     assert main(["batch", "flats.toml", "-o", "other"]) == 2 and not Path("other").exists()
     assert "did you mean 'large'" in capsys.readouterr().err
     assert main(["batch", "nowhere"]) == 2 and main(["batch", "."]) == 2
+
+
+def test_a_batch_opens_no_page_and_waits_for_no_save(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = Runs()
+    monkeypatch.setattr("lightwell.cli.child.run_child", runs)
+    Path("flats.toml").write_text(
+        "[bake]\npreview = true\nwatch = true\nport = 8000\nno-open = true\nseed = 3\n"
+        '[scenes.a]\nscene = "cornell"\n'
+    )
+    assert main(["batch", "flats.toml", "-o", "out"]) == 0
+    assert runs.lines[0][5:] == ["--seed=3"]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ import pytest
 
 from lightwell.cli import bake
 from lightwell.cli.configuration import with_configuration
+from lightwell.cli.live import bake_words
 from lightwell.cli.main import main, verb_parser
 
 FILE = """
@@ -61,6 +62,22 @@ def test_lists_and_other_verbs(folder):
     words = with_configuration("render", ["cornell", "-o", "x.png"], verb_parser)
     assert words[3:] == ["--light", "0.1", "1.5", "-2", "--size=64x40"]
     assert verb_parser("render", words).parse_args(words).size == "64x40"
+
+
+def test_bakes_of_the_live_page_are_those_of_the_file_but_wait_for_nobody(folder):
+    (folder / "lightwell.toml").write_text(
+        "[bake]\nwatch = true\npreview = true\nport = 8000\nno-open = true\nquality = 'best'\nresume = true\n"
+        "out = 'elsewhere'\nseed = 3\nscene-unit = 'mm'\n"
+    )
+
+    def words(line):
+        return bake_words(verb_parser("live").parse_args(line.split()))
+
+    assert words("cornell") == ["--seed=3", "--scene-unit=mm", "--config=none"]
+    assert words("cornell --scene-unit cm") == ["--scene-unit", "cm", "--seed=3", "--config=none"]
+    assert words("cornell --config none") == ["--config=none"]
+    made = verb_parser("bake").parse_args(["cornell", "-o", "x", *words("cornell")])
+    assert not made.watch and not made.preview
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,25 @@ def test_a_log_says_what_was_done_and_what_went_wrong(tmp_path, capsys):
     assert "--log" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("words", [["man"], ["bake", "--help"]])
+def test_a_reader_that_has_seen_enough_is_no_error(words):
+    argv, environment = [sys.executable, "-m", "lightwell.cli", *words], os.environ | {"PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(argv, env=environment, **pipes) as process:
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait(60)) == ("", 0)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk")
+def test_output_that_a_full_disk_does_not_take_is_one_line():
+    argv = [sys.executable, "-m", "lightwell.cli", "man"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            argv, env=os.environ | {"PYTHONPATH": str(ROOT)}, stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "the disk is full" in done.stderr
+
+
 def test_info_is_a_table(capsys):
     assert main(["info", "cornell"]) == 0
     text = capsys.readouterr().out

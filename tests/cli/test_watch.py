@@ -1,6 +1,7 @@
 """``bake --watch``: which saves lead to a bake, and with which settings."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ def test_a_save_is_taken_up_when_the_file_is_at_rest(tmp_path):
             (tmp_path / "new").write_bytes(b"third!")
             os.replace(tmp_path / "new", path)
 
-    found = saves(path, file_states(path), wait)
+    found = saves(partial(file_states, path), file_states(path), wait)
     assert next(found)[0][1] == 6 and len(waits) == 4
     assert next(found)[0][1] == 6 and len(waits) >= 9
 
@@ -38,6 +39,22 @@ def test_files_beside_a_gltf_count(tmp_path):
     before = file_states(path)
     (tmp_path / "room.bin").write_bytes(b"1")
     assert file_states(path) != before and file_states(tmp_path / "none.glb") == ()
+
+
+@pytest.mark.parametrize("out", ["out", "."])
+def test_what_a_bake_writes_is_no_save(tmp_path, out):
+    path, out, log = tmp_path / "room.gltf", tmp_path / out, tmp_path / "bake.log"
+    path.write_bytes(b"{}")
+    before = file_states(path, out, log)
+    (out / ".lightwell/store").mkdir(parents=True)
+    for name in ("scene.glb", "index.html", "report.json", "probes-a.lwp", ".lightwell.lock", ".lightwell/store/a"):
+        (out / name).write_bytes(b"1")
+    log.write_text("ended")
+    (tmp_path / ".lightwell.holder.json").write_text("{}")
+    assert file_states(path, out, log) == before
+    (tmp_path / "textures").mkdir()
+    (tmp_path / "textures/wall.png").write_bytes(b"1")
+    assert file_states(path, out, log) != before
 
 
 def test_fields_with_an_incremental_bake_use_it(tmp_path):

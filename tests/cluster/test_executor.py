@@ -208,3 +208,32 @@ def test_scene_files_are_sent_where_the_path_is_unknown(tmp_path):
     assert not remote.take_scene(hidden) and remote.take_scene(hidden, files)
     with pytest.raises(ValueError, match="leads out"):
         remote.take_scene(SceneSource("room.glb", "other"), {"../room.glb": b""})
+    # What cannot be loaded is not asked for again.
+    assert not remote.take_scene(SceneSource("room.glb", "other"), {"room.glb": b"no scene"})
+
+
+def test_a_worker_whose_test_fails_twice_is_refused_with_its_error(client, own, monkeypatch):
+    def broken(*_):
+        raise MemoryError("no room for the scene")
+
+    monkeypatch.setattr(remote, "take_scene", broken)
+    roster = Roster(client, SceneSource("cornell", "x"), own, lambda line: None)
+    with pytest.raises(RuntimeError, match=r"cannot be tested \(MemoryError: no room for the scene\); look at its log"):
+        roster.workers()
+
+
+def test_a_file_beside_the_scene_that_cannot_be_read_is_no_lost_connection(tmp_path, monkeypatch):
+    for name in ("room.gltf", "room.bin", ".lightwell.lock"):
+        (tmp_path / name).write_bytes(name.encode())
+    source = SceneSource(str(tmp_path / "room.gltf"), "x")
+    assert set(remote.scene_files(source)) == {"room.gltf", "room.bin"}
+    read = type(tmp_path).read_bytes
+
+    def read_bytes(path):
+        if path.name == "room.bin":
+            raise PermissionError(13, "Permission denied", str(path))
+        return read(path)
+
+    monkeypatch.setattr(type(tmp_path), "read_bytes", read_bytes)
+    with pytest.raises(ValueError, match=r"cannot read '.*room.bin' for the workers \(Permission denied\); change"):
+        remote.scene_files(source)

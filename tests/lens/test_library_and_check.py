@@ -165,6 +165,23 @@ def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
     assert main(["lens", "check", str(tmp_path / "none.lwsp")]) == 2
 
 
+def test_a_library_that_cannot_be_written_is_told_before_the_bake(tmp_path, monkeypatch, capsys):
+    def bake(*_):
+        raise AssertionError("nodes are baked")
+
+    monkeypatch.setattr("lightwell.lens.bake_command.bake_nodes", bake)
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "file").write_bytes(b"")
+    for words, said in (
+        ([tmp_path / "taken"], "a folder of that name exists"),
+        ([tmp_path / "file/disc.lwsp"], "a file stands where a folder is expected"),
+        ([tmp_path / "disc.lwsp", "--two-arrays", tmp_path / "file"], "a file stands where a folder is expected"),
+    ):
+        assert main(["lens", "bake", *map(str, words), "--largest", "9", "--noise", "0.1"]) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.strip().count("\n") == 0
+
+
 def test_the_shelf_keeps_what_it_baked():
     family = families.depth(7.0, noise=0.2)
     libraries = LibraryCache()
