@@ -41,8 +41,9 @@ def ambient_cubes(grid: ProbeGrid) -> np.ndarray:
         grid: The probes.
 
     Returns:
-        [3 nz, 2 ny, nx, 4] irradiance / π: the sides x, y, z one behind the other, the negative side below in y
-        (bevy_pbr, ``irradiance_volume``).
+        [3 nz, 2 ny, nx, 4] irradiance / π: the sides x, y, z one behind the other; of each, light of normals along the
+        axis in the first ny rows and of normals against it in the others, as ``irradiance_volume_light`` of bevy_pbr
+        reads them (``neg_offset``; the table in the documentation of its module has them the other way round).
     """
     nx, ny, nz = grid.lattice.shape
     out = np.ones((3 * nz, 2 * ny, nx, 4))
@@ -51,5 +52,6 @@ def ambient_cubes(grid: ProbeGrid) -> np.ndarray:
             side = np.zeros(3)
             side[axis] = 1 if positive else -1
             light = grid.along(side.tolist()).reshape(nz, ny, nx, 3) / np.pi
-            out[axis * nz : (axis + 1) * nz, positive * ny : (positive + 1) * ny, :, :3] = light
+            row = 0 if positive else ny
+            out[axis * nz : (axis + 1) * nz, row : row + ny, :, :3] = light
     return out

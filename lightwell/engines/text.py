@@ -18,7 +18,7 @@ MAX_NAME = 40
 @cache
 def _environment() -> Environment:
     # Not HTML: what is inserted is quoted by ``quoted`` or is a number.
-    return Environment(
+    made = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=False,
         undefined=StrictUndefined,
@@ -26,6 +26,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["floats"] = floats
+    return made
 
 
 def render(template: str, /, **values: Any) -> str:
@@ -45,12 +47,13 @@ def quoted(text: str) -> str:
     """Write a string as a literal that C#, JavaScript, Rust and Godot's text format share.
 
     Args:
-        text: Any text; what is not printable ASCII is replaced by ``_``.
+        text: Any text; letters of all scripts stay as they are. What Unicode calls not printable is replaced by ``_``:
+            the languages have no escape in common for it.
 
     Returns:
-        The literal with its quotation marks.
+        The literal with its quotation marks, for a file in UTF-8; only ``"`` and ``\\`` are escaped in it.
     """
-    return json.dumps("".join(c if " " <= c <= "~" else "_" for c in text))
+    return json.dumps("".join(c if c.isprintable() else "_" for c in text), ensure_ascii=False)
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -63,6 +66,18 @@ def numbers(values: Iterable[float]) -> str:
         They, with nine digits, which every 32-bit float needs at most, separated by commas.
     """
     return ", ".join(f"{float(v):.9g}" for v in values)
+
+
+def floats(text: str) -> str:
+    """Give whole numbers of a list a point, as Rust's literals of floats need; the filter ``floats`` of templates.
+
+    Args:
+        text: Numbers as ``numbers`` writes them.
+
+    Returns:
+        The same numbers, each with a point or an exponent.
+    """
+    return ", ".join(word if "." in word or "e" in word else f"{word}.0" for word in text.split(", "))
 
 
 def identifier(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Files for Unity: an EXR light map, light of probes, two scripts that apply them, HLSL of the fields."""
+"""Files for Unity: an EXR light map, light of probes, two scripts that import and apply them, HLSL of the fields."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ def files(bake: Bake, limits: Limits | None) -> dict[str, bytes]:
     Returns:
         Content by name: to be put into ``Assets/lightwell/``, the script of ``Editor/`` into a folder of that name.
     """
-    made, _ = shader_files(bake, "hlsl", limits)
+    # Unity's textures begin with the lowest row, where Load and v = 0 read.
+    made, _ = shader_files(bake, "hlsl", limits, bottom_up=True)
     if bake.light_map is not None:
         made["light_map.exr"] = exr_bytes(bake.light_map)
     if bake.probes is not None:
         made["probe_light.txt"] = probe_text(bake.probes).encode()
-    if bake.light_map is not None or bake.probes is not None:
+    if bake.probes is not None or any(name.endswith((".exr", ".png")) for name in made):
         made["LightwellLight.cs"] = render("unity_light.cs").encode()
         lit = ", ".join(map(quoted, bake.lit))
         made["Editor/LightwellImport.cs"] = render("unity_import.cs", lit=lit).encode()

@@ -62,7 +62,9 @@ def test_lit_nodes_are_those_with_a_second_set_of_coordinates(bake_folder):
 
 def test_names_are_safe_in_the_texts_of_engines():
     assert identifier('a"); drop() 2') == "a_drop_2" and identifier("2 é") == "field_2"
-    assert quoted('a"\n\\ü') == '"a\\"_\\\\_"'
+    assert quoted('a"\n\\ü') == '"a\\"_\\\\ü"'
+    # No line ends, nothing that turns the direction of text, no halves of surrogate pairs.
+    assert quoted("a\u2028b\u202ec\ud800") == '"a_b_c_"'
 
 
 def test_the_command_writes_a_folder_and_names_its_files(bake_folder, tmp_path, capsys):

@@ -1,7 +1,9 @@
 """Files of three.js, Babylon.js, PlayCanvas and Bevy."""
 
 import json
+import re
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 import tree_sitter_rust
 from tree_sitter import Language, Parser
 
+from lightwell.engines import ENGINES
 from lightwell.engines.bake import read_bake
 from lightwell.engines.ktx2 import encode_rgba16f
 from lightwell.engines.probe_grid import read_grid
@@ -157,7 +160,8 @@ def test_bevys_volume_has_the_sides_where_bevy_reads_them(exported, bake_folder)
         for sign in (-1, 1):
             side = sign * np.eye(3)[axis]
             expected = np.maximum(sh.evaluate(grid.irradiance[probe], side[None])[0], 0) / np.pi
-            texel = voxels[1 + axis * nz, ny if sign > 0 else 0, 1, :3]
+            # neg_offset of irradiance_volume_light: normals against the axis read half the height further.
+            texel = voxels[1 + axis * nz, ny if sign < 0 else 0, 1, :3]
             np.testing.assert_allclose(texel, expected, rtol=2e-3, atol=1e-4)
 
 
@@ -169,6 +173,27 @@ def test_bevys_light_map_is_a_picture_and_its_module_is_rust(exported, bake_fold
     assert rust.parse(text.replace("};", "}", 1).encode()).root_node.has_error
     assert 'const LIT: [&str; 2] = ["floor", "wall"];' in text
     assert read_bake(bake_folder).probes is not None
+
+
+def test_bevys_module_has_floats_where_a_grid_has_whole_numbers(bake_folder):
+    bake = read_bake(bake_folder)
+    lattice = replace(bake.probes.lattice, origin=np.array([-1.0, 0, 0.5]), spacing=2.0)
+    made = ENGINES["bevy"](replace(bake, probes=replace(bake.probes, lattice=lattice)), None)["lightwell.rs"]
+    [arguments] = re.findall(r"Transform::from_xyz\((.*)\)\.with_scale\(Vec3::new\((.*)\)\),", made.decode())
+    words = ", ".join(arguments).split(", ")
+    assert len(words) == 6 and all(re.fullmatch(r"-?\d+(\.\d+)?(e[-+]\d+)?", word) for word in words)
+    assert all("." in word or "e" in word for word in words)
+    assert arguments[1].split(", ") == [f"{2 * n}.0" for n in lattice.shape]
+
+
+@pytest.mark.parametrize("engine", sorted(set(ENGINES) - {"unreal"}))
+def test_names_of_lit_nodes_keep_their_letters(bake_folder, engine):
+    names = ("Würfel", "壁", 'a "b" \\ c')
+    made = ENGINES[engine](replace(read_bake(bake_folder), lit=names), None)
+    text = "\n".join(data.decode() for name, data in made.items() if name.endswith((".js", ".rs", ".cs", ".tres")))
+    assert "Würfel" in text and "壁" in text
+    if engine != "godot":
+        assert '"Würfel", "壁", "a \\"b\\" \\\\ c"' in text
 
 
 def test_light_beyond_half_floats_is_refused():

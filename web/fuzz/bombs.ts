@@ -28,6 +28,15 @@ export function wideSums(json: Json, count: number): void {
   chain(json, count + 2, (i, before) => (i === 0 ? wide(255)(before) : i === 1 ? { op: "concat", inputs: Array(5).fill(before) } : { op: "add", inputs: [before, before] }));
 }
 
+/** A kilobyte of JSON, hundreds of gigabytes on a GPU: vertices that have no bytes in the file, and one accessor for all morph targets. */
+export function manyMorphs(json: Json, vertices = 5_000_000, targets = 1024): void {
+  const primitive = json.meshes?.[0]?.primitives?.[0];
+  if (!primitive) return;
+  const all = json.accessors.push({ componentType: 5126, type: "VEC3", count: vertices }) - 1;
+  primitive.attributes = { POSITION: all };
+  primitive.targets = Array.from({ length: targets }, () => ({ POSITION: all, NORMAL: all }));
+}
+
 const BOMBS: readonly ((json: Json, random: Random) => void)[] = [
   (json, random) => wideSums(json, random.of([1, 30, 500, 2003, 4000])),
   (json) => chain(json, 4000, () => ({ op: "frequency", octaves: 24 })),
@@ -71,6 +80,7 @@ const BOMBS: readonly ((json: Json, random: Random) => void)[] = [
   },
   (json) => void (json.materials[0].name = "n".repeat(3_000_000)),
   (json) => void (json.nodes[0].extensions = { EXT_mesh_gpu_instancing: { attributes: { TRANSLATION: 0, ROTATION: 0 } } }),
+  (json) => manyMorphs(json),
   (json) => {
     const field = fieldOf(json);
     if (field) json.extensions.LIGHTWELL_neural_radiance.fields = Array.from({ length: 8 }, () => structuredClone(field));

@@ -203,6 +203,55 @@ it("ships a configuration for the command line", async () => {
   expect(open(glb).json.extensionsUsed).toEqual(expect.arrayContaining(["LIGHTWELL_neural_radiance", "MOZ_lightmap"]));
 });
 
+/** A room of version 2 with two animations; the second node slides, and the time of the second animation is a variable. */
+function moving(): Uint8Array {
+  const numbers = [
+    { values: [0, 1], type: "SCALAR" as const },
+    { values: [0, 0, 0, 0, 1, 0], type: "VEC3" as const },
+  ];
+  const tamper = (json: Json) => {
+    const input = json.accessors.length - 2;
+    const clip = (name: string, node: number) => ({
+      name,
+      samplers: [{ input, output: input + 1 }],
+      channels: [{ sampler: 0, target: { node, path: "translation" } }],
+    });
+    json.animations = [clip("Close", 2), clip("Open", 3)];
+    json.nodes[1].name = "Door";
+    const extension = json.extensions.LIGHTWELL_neural_radiance;
+    extension.version = 2;
+    const door = { name: "Door", kind: "node", node: 1, path: "translation", axis: [0, 1, 0], range: [0, 1], unit: "metres", initial: 0 };
+    extension.variables.push(door, { name: "Open", kind: "clip", animation: 1, range: [0, 1], unit: "share", initial: 0 });
+  };
+  return writeGlb(plainRoom({ numbers, tamper }));
+}
+
+it("keeps what moves, though nodes and animations before it are removed", async () => {
+  const io = new NodeIO().registerExtensions([NeuralRadiance, ...OTHERS]);
+  const document = await io.readBinary(moving());
+  document.getRoot().listNodes()[0]!.dispose();
+  document.getRoot().listAnimations()[0]!.dispose();
+  const { json } = open(await io.writeBinary(document));
+  const [, door, clip] = json.extensions.LIGHTWELL_neural_radiance.variables;
+  expect([json.nodes[door.node].name, json.animations[clip.animation].name]).toEqual(["Door", "Open"]);
+  expect([door.node, clip.animation]).toEqual([0, 0]);
+  document.getRoot().listAnimations()[0]!.dispose();
+  await expect(io.writeBinary(document)).rejects.toThrow("variables[2].animation: expected its animation, which was removed; keep it, or bake without this variable");
+});
+
+it("refuses a node that moves and is not there", async () => {
+  const glb = writeGlb(
+    plainRoom({
+      tamper: (json: Json) => {
+        const extension = json.extensions.LIGHTWELL_neural_radiance;
+        extension.variables.push({ name: "Door", kind: "node", node: 99, path: "translation", axis: [0, 1, 0], range: [0, 1], unit: "metres", initial: 0 });
+      },
+    }),
+  );
+  const io = new NodeIO().registerExtensions([NeuralRadiance, ...OTHERS]);
+  await expect(io.readBinary(glb)).rejects.toThrow("variables[1].node: expected the node of this number in the file");
+});
+
 it("keeps what surrounds a scene, with its picture", async () => {
   const io = new NodeIO().registerExtensions([NeuralRadiance, ...OTHERS]);
   const document = await io.readBinary(writeGlb(plainRoom({ tamper: surrounded })));

@@ -4,6 +4,7 @@ import { FormatError, LightwellLoaderPlugin, parseLearned } from "lightwell";
 import type { Browser } from "playwright-core";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { afterAll, beforeAll, describe, expect, it } from "vitest";
+import { manyMorphs } from "../fuzz/bombs.ts";
 import { launch, openPage, Site } from "./support/browser.ts";
 import { plainRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
@@ -90,6 +91,8 @@ const CASES: [name: string, make: () => Uint8Array, message: RegExp][] = [
       }),
     /self-contained/,
   ],
+  ["morph targets of one accessor", () => tampered((json) => manyMorphs(json)), /targets: expected at most 268435456 bytes of morph targets up to here, found 163840000000/],
+  ["some morph targets of many vertices", () => tampered((json) => manyMorphs(json, 5_000_000, 2)), /targets: expected at most 268435456 bytes of morph targets up to here, found 320000000/],
 ];
 
 it.each(CASES)("%s is refused in one line", async (_name, make, message) => {

@@ -2,7 +2,10 @@
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
-import { Matrix4, PerspectiveCamera, Vector3 } from "three";
+import { LearnedScene, LightwellLoaderPlugin, parseLearned } from "lightwell";
+import { LearnedNodeScene } from "lightwell/webgpu";
+import { Matrix4, Mesh, MeshStandardMaterial, PerspectiveCamera, Vector3 } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { describe, expect, it } from "vitest";
 import { readContainer } from "../runtime/src/container.ts";
 import { readExtension } from "../runtime/src/extension.ts";
@@ -145,6 +148,19 @@ describe.each(["webgl", "webgpu"] as const)("with %s", (kind) => {
     expect(seen.open).toBeGreaterThan(1e-3);
     expect(seen.shut).toBeLessThan(0.1 * seen.open!);
   });
+});
+
+it.each([["WebGLRenderer", LearnedScene], ["WebGPURenderer", LearnedNodeScene]] as const)("objects of one material are lit until the last is removed: %s", async (_name, Scene) => {
+  const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser));
+  const learned = new Scene(await parseLearned(loader, room({ fields: [stillField()], probes: [AIR] }).buffer));
+  const material = new MeshStandardMaterial();
+  const isLit = () => Object.hasOwn(material, "customProgramCacheKey");
+  const objects = [new Mesh(undefined, material), new Mesh(undefined, material)];
+  for (const object of objects) await learned.addLit(object);
+  expect(learned.removeLit(objects[0]!)).toBe(true);
+  expect(isLit()).toBe(true);
+  expect(learned.removeLit(objects[1]!)).toBe(true);
+  expect(isLit()).toBe(false);
 });
 
 it("a file without probes, and an object under the root, are refused", async () => {

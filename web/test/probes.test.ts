@@ -3,7 +3,7 @@
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 import { describe, expect, it } from "vitest";
-import { MeshStandardMaterial } from "three";
+import { MeshStandardMaterial, ShaderLib } from "three";
 import { readProbes } from "../runtime/src/probes/file.ts";
 import { ProbeVolume } from "../runtime/src/probes/volume.ts";
 import { bundle, gzipped, NOT_OURS } from "./support/bundle.ts";
@@ -109,6 +109,36 @@ it("reads what a bake writes, and refuses what is damaged", () => {
     }
   }
   expect(refused).toBeGreaterThan(5);
+});
+
+/** The shader of a material as three.js asks for it. */
+function shaderOf(material: MeshStandardMaterial): string {
+  const { vertexShader, fragmentShader } = ShaderLib.physical;
+  const shader = { uniforms: {}, vertexShader, fragmentShader };
+  material.onBeforeCompile(shader as never, null as never);
+  return shader.fragmentShader;
+}
+
+it("lights a material once, however often it is asked to", () => {
+  const [material, volume] = [new MeshStandardMaterial(), new ProbeVolume(bytesOf(ROOMS))];
+  const use = volume.light(material);
+  const once = shaderOf(material);
+  expect(volume.light(material, true)).toBe(use);
+  expect(use.offset.value).toBeGreaterThan(0);
+  expect(shaderOf(material)).toBe(once);
+  expect(once.split(`uniform highp usampler2D ${volume.name}_words;`)).toHaveLength(2);
+});
+
+it("keeps materials with hooks of their own apart", () => {
+  const volume = new ProbeVolume(bytesOf(ROOMS));
+  const keys = ["red", "blue"].map((name) => {
+    const material = new MeshStandardMaterial();
+    material.onBeforeCompile = name === "red" ? (shader) => void (shader.fragmentShader += "// red") : (shader) => void (shader.fragmentShader += "// blue");
+    volume.light(material);
+    return material.customProgramCacheKey();
+  });
+  expect(new Set(keys).size).toBe(2);
+  for (const key of keys) expect(key).toContain(volume.name);
 });
 
 it("says which part of a shader is missing that its light goes into", () => {

@@ -124,7 +124,7 @@ it("a picture equals itself", () => {
 
 it("page data that makes no sense is dropped", () => {
   const page = readPageData({
-    links: [{ href: "report.html", text: "report" }, { href: "javascript:alert(1)", text: "no" }, { href: "a.html" }],
+    links: [{ href: "report.html", text: "report" }, { href: "javascript:alert(1)", text: "no" }, { href: "//example.invalid/a.html", text: "no" }, { href: "a.html" }],
     title: 3,
     exposure: -1,
     home: { position: [0, 0] },

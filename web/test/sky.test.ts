@@ -93,6 +93,15 @@ describe("a sun with a sky", () => {
     near(sun.color.toArray(), [0.2, 0.3, 0.1].map((x, i) => x / sunlightAt(sky, sun.time)[i]!));
   });
 
+  it("takes it up before it is tinted as well", () => {
+    const sun = lamp();
+    sun.object.color.setRGB(0.2, 0.3, 0.1);
+    sun.object.intensity = 7;
+    sun.tint();
+    near(sun.object.color.toArray(), [0.2, 0.3, 0.1]);
+    expect([sun.object.intensity, sun.intensity]).toEqual([7, 7]);
+  });
+
   it("has a picture of its sky that follows it", () => {
     const [sun, background] = [lamp(), new SkyBackground()];
     expect(sunsWithSky([sun])).toEqual([sun]);

@@ -1,12 +1,13 @@
 /** Switches of the scene's own lamps: reading, factors, surfaces that follow, texts of links. */
 
 import { LightwellLoaderPlugin, lampSettingsText, parseLearned, readLampSettings } from "lightwell";
-import { Mesh, MeshStandardMaterial, Object3D } from "three";
+import { Matrix4, Mesh, MeshStandardMaterial, Object3D } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { describe, expect, it } from "vitest";
 import { LearnedField } from "../runtime/src/learned-field.ts";
 import type { LoadedLight } from "../runtime/src/loaded-light.ts";
 import { type LampRecord, Switches } from "../runtime/src/switches.ts";
+import { TO_REST, toRestOf } from "../runtime/src/to-rest.ts";
 import { plainRoom } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
 import { lampsField } from "./support/lamps.ts";
@@ -82,6 +83,16 @@ describe("surfaces that shine", () => {
     expect(switches.of(other)).toBeNull();
     switches.detach();
     expect(lamp.material).toBe(shared);
+  });
+
+  it("that move know where they rest", () => {
+    const lamp = new Mesh(undefined, new MeshStandardMaterial({ emissive: 0xffffff }));
+    lamp.userData.name = "Desk lamp";
+    const toRest = new Matrix4().makeTranslation(1, 2, 3);
+    TO_REST.set(lamp.material, toRest);
+    new Switches(LAMPS).attach(new Object3D().add(lamp), new Map());
+    // The same matrix: it follows what moves.
+    expect(toRestOf(lamp.material)).toBe(toRest);
   });
 });
 

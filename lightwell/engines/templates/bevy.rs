@@ -14,7 +14,7 @@ pub fn spawn_irradiance_volume(mut commands: Commands, assets: Res<AssetServer>)
             intensity: 1.0,
             ..default()
         },
-        Transform::from_xyz({{ grid.center }}).with_scale(Vec3::new({{ grid.size }})),
+        Transform::from_xyz({{ grid.center | floats }}).with_scale(Vec3::new({{ grid.size | floats }})),
     ));
 }
 {% endif %}

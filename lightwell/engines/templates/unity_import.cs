@@ -6,6 +6,7 @@ using UnityEngine;
 namespace Lightwell
 {
     /// Menu "Lightwell > Apply light": imports the light map, and puts LightwellLight on the selected object.
+    /// "Import shader textures": tables of shaders are read texel by texel, their pictures as numbers.
     public static class LightwellImport
     {
         static readonly string[] Lit = { {{ lit }} };
@@ -44,6 +45,36 @@ namespace Lightwell
             importer.mipmapEnabled = false;
             importer.SaveAndReimport();
             return AssetDatabase.LoadAssetAtPath<Texture2D>(path);
+        }
+
+        [MenuItem("Lightwell/Import shader textures")]
+        public static void ImportShaderTextures()
+        {
+            foreach (var id in AssetDatabase.FindAssets("lightwell_ t:Texture2D", new[] { "Assets/lightwell" }))
+            {
+                var path = AssetDatabase.GUIDToAssetPath(id);
+                var importer = AssetImporter.GetAtPath(path) as TextureImporter;
+                if (importer == null || !Path.GetFileName(path).StartsWith("lightwell_")) continue;
+                bool isTable = path.EndsWith(".exr");
+                importer.textureType = TextureImporterType.Default;
+                importer.sRGBTexture = false;
+                importer.npotScale = TextureImporterNPOTScale.None;
+                importer.textureCompression = TextureImporterCompression.Uncompressed;
+                importer.maxTextureSize = 16384;
+                importer.wrapMode = TextureWrapMode.Clamp;
+                importer.filterMode = isTable ? FilterMode.Point : FilterMode.Bilinear;
+                importer.mipmapEnabled = !isTable;
+                if (isTable) KeepFloats(importer);
+                importer.SaveAndReimport();
+            }
+        }
+
+        /// Automatic formats of EXR files hold half floats.
+        static void KeepFloats(TextureImporter importer)
+        {
+            var settings = importer.GetDefaultPlatformTextureSettings();
+            settings.format = TextureImporterFormat.RGBAFloat;
+            importer.SetPlatformTextureSettings(settings);
         }
 
         [MenuItem("Lightwell/Create light probes")]

@@ -203,9 +203,10 @@ const ATTRIBUTE_TYPES: Readonly<Record<string, readonly string[]>> = {
 
 type Attributes = Readonly<Record<string, number>>;
 
-/** Accessors have the types of what reads them: a vector that is too short is filled up with NaN. */
+/** Accessors have the types of what reads them: a vector that is too short is filled up with NaN. Morph targets are few enough for a GPU. */
 function checkAttributes(json: GltfJson): void {
   const accessors = tableOf<Accessor>(json, "accessors");
+  let morphs = 0;
   const check = (attributes: Attributes | undefined, where: string, count?: number) => {
     for (const [name, index] of Object.entries(attributes ?? {})) {
       const types = ATTRIBUTE_TYPES[name.replace(/_\d+$/, "")];
@@ -219,6 +220,10 @@ function checkAttributes(json: GltfJson): void {
       const where = `meshes[${i}].primitives[${k}]`;
       const count = attributes.POSITION === undefined ? undefined : accessors[attributes.POSITION]?.count;
       for (const some of [attributes, ...targets]) check(some, where, count);
+      // Four floats of a vertex for every target, for its place, for normals and for colours, however often they are the same accessor.
+      const names = targets.flatMap((target) => Object.keys(target));
+      morphs += 16 * (count ?? 0) * targets.length * (names.includes("COLOR_0") ? 3 : names.includes("NORMAL") ? 2 : 1);
+      if (morphs > LIMITS.morphs) fail(`${where}.targets`, `at most ${LIMITS.morphs} bytes of morph targets up to here, found ${morphs}; remove some`);
       if (indices !== undefined && accessors[indices]!.type !== "SCALAR") fail(`${where}.indices`, "an accessor of type SCALAR");
     });
   });

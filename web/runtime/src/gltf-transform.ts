@@ -2,10 +2,12 @@
 
 import {
   type Accessor,
+  type Animation,
   Extension,
   ExtensionProperty,
   type IProperty,
   type Material,
+  type Node,
   type Nullable,
   PropertyType,
   type ReaderContext,
@@ -35,11 +37,13 @@ interface INeuralRadiance extends IProperty {
   accessors: RefMap<Accessor>;
   textures: RefMap<Texture>;
   infos: RefMap<TextureInfo>;
+  nodes: RefMap<Node>;
+  animations: RefMap<Animation>;
 }
 
 /**
- * The extension at the root. `getJson` is its JSON as it was read, where every `accessor` and `texture` of a buffer, and the `texture` of the environment, is
- * the name of the accessor or texture that is referred to.
+ * The extension at the root. `getJson` is its JSON as it was read, where every `accessor` and `texture` of a buffer, the `texture` of the environment, and
+ * the `node` or `animation` of a variable that moves is the name of what is referred to.
  */
 export class NeuralRadianceProperty extends ExtensionProperty<INeuralRadiance> {
   static override readonly EXTENSION_NAME = EXTENSION;
@@ -54,8 +58,9 @@ export class NeuralRadianceProperty extends ExtensionProperty<INeuralRadiance> {
   }
 
   protected override getDefaults(): Nullable<INeuralRadiance> {
-    const refs = { accessors: new RefMap<Accessor>(), textures: new RefMap<Texture>(), infos: new RefMap<TextureInfo>() };
-    return Object.assign(super.getDefaults() as IProperty, { json: {}, ...refs });
+    const pictures = { textures: new RefMap<Texture>(), infos: new RefMap<TextureInfo>() };
+    const movers = { nodes: new RefMap<Node>(), animations: new RefMap<Animation>() };
+    return Object.assign(super.getDefaults() as IProperty, { json: {}, accessors: new RefMap<Accessor>(), ...pictures, ...movers });
   }
 
   getJson(): Json {
@@ -86,6 +91,24 @@ export class NeuralRadianceProperty extends ExtensionProperty<INeuralRadiance> {
   setTexture(name: string, texture: Texture, info: TextureInfo): this {
     const channels = TextureChannel.R | TextureChannel.G | TextureChannel.B;
     return this.setRefMap("textures", name, texture, { channels, isColor: false }).setRefMap("infos", name, info);
+  }
+
+  /** A node that moves. */
+  getNode(name: string): Node | null {
+    return this.getRefMap("nodes", name);
+  }
+
+  setNode(name: string, node: Node): this {
+    return this.setRefMap("nodes", name, node);
+  }
+
+  /** An animation whose time is a variable. */
+  getAnimation(name: string): Animation | null {
+    return this.getRefMap("animations", name);
+  }
+
+  setAnimation(name: string, animation: Animation): this {
+    return this.setRefMap("animations", name, animation);
   }
 }
 
@@ -120,6 +143,13 @@ export class NeuralRadiance extends Extension {
       property.setAccessor(name, unpadded(context, accessor, buffer.accessor as number));
       return { accessor: name };
     });
+    mapMovers(json, (kind, index, name) => {
+      const [node, animation] = kind === "node" ? [context.nodes[index as number]] : [undefined, context.animations[index as number]];
+      if (node) property.setNode(name, node);
+      else if (animation) property.setAnimation(name, animation);
+      else throw new Error(`${EXTENSION}: ${name}: expected the ${kind} of this number in the file`);
+      return name;
+    });
     this.document.getRoot().setExtension(EXTENSION, property.setJson(json));
     return this;
   }
@@ -132,6 +162,12 @@ export class NeuralRadiance extends Extension {
       if (texture) return { texture: writeTexture(context, texture, property.getTextureInfo(name)!).index };
       if (!accessor) throw new Error(`${EXTENSION}: ${name}: expected its accessor or texture`);
       return { accessor: context.accessorIndexMap.get(accessor) };
+    });
+    mapMovers(json, (kind, _name, name) => {
+      const [node, animation] = [property.getNode(name), property.getAnimation(name)];
+      const index = node ? context.nodeIndexMap.get(node) : animation ? context.animationIndexMap.get(animation) : undefined;
+      if (index === undefined) throw new Error(`${EXTENSION}: ${name}: expected its ${kind}, which was removed; keep it, or bake without this variable`);
+      return index;
     });
     const { extensions = {} } = context.jsonDoc.json;
     context.jsonDoc.json.extensions = { ...extensions, [EXTENSION]: json };
@@ -169,6 +205,15 @@ function mapBuffers(json: Json, change: (buffer: Json, name: string) => Json): J
   const environment = record(json.environment, `${EXTENSION}.environment`);
   if (environment.texture !== undefined) Object.assign(environment, change(environment, "environment"));
   return json;
+}
+
+/** Changes the references of the variables that move, to a node or an animation; `name` is unique in the file. */
+function mapMovers(json: Json, change: (kind: "node" | "animation", value: unknown, name: string) => unknown): void {
+  for (const [i, value] of list(json.variables ?? [], `${EXTENSION}.variables`, MAX_ENTRIES).entries()) {
+    const variable = record(value, `${EXTENSION}.variables[${i}]`);
+    const kind = variable.kind === "node" ? "node" : variable.kind === "clip" ? "animation" : null;
+    if (kind) variable[kind] = change(kind, variable[kind], `variables[${i}].${kind}`);
+  }
 }
 
 /** The picture and the sampling of a texture, whoever knows its format. */

@@ -42,7 +42,7 @@ export interface Lamp {
   renewShadow(): void;
   /** Take up what was done to the three.js light, and where the root stands; call before drawing. */
   follow(): void;
-  /** Carry `color` and `intensity` over to the three.js light. */
+  /** Carry `color` and `intensity` over to the three.js light; what was done to these of the light since counts. */
   tint(): void;
   dispose(): void;
 }
@@ -64,9 +64,10 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
   /** What the colour of the three.js light is multiplied by: that of the sun at the time of day. */
   protected readonly filter = new Color(1, 1, 1);
   protected readonly placement: Placement;
-  /** Scale of the world that the light was fitted to, and what was last given to it. */
+  /** Scale of the world that the light was fitted to. */
   protected scale = 1;
-  private readonly given = { color: new Color(), intensity: Number.NaN };
+  /** What was last given to the light; no intensity before the first time. */
+  private readonly given = { color: new Color(), intensity: null as number | null };
 
   constructor(variable: V, object: L, placement: Placement) {
     this.variable = variable;
@@ -108,16 +109,20 @@ abstract class DeclaredLamp<V extends Variable, L extends PointLight | Direction
     }
     const seen = this.seen(new Vector3());
     if (seen.distanceTo(this.value) > MOVED * Math.max(1, this.value.length())) this.move(seen);
-    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color).multiply(inverse(this.filter));
-    if (this.object.intensity !== this.given.intensity) this.intensity = this.object.intensity / this.gain(scale);
     this.tint();
   }
 
   tint(): void {
-    this.object.color.copy(this.color).multiply(this.filter);
-    this.object.intensity = this.intensity * this.gain(this.scale);
-    this.given.color.copy(this.object.color);
-    this.given.intensity = this.object.intensity;
+    const { object, given } = this;
+    const gain = this.gain(this.scale);
+    if (given.intensity !== null) {
+      if (!object.color.equals(given.color)) this.color.copy(object.color).multiply(inverse(this.filter));
+      if (object.intensity !== given.intensity) this.intensity = object.intensity / gain;
+    }
+    object.color.copy(this.color).multiply(this.filter);
+    object.intensity = this.intensity * gain;
+    given.color.copy(object.color);
+    given.intensity = object.intensity;
   }
 
   dispose(): void {

@@ -165,7 +165,8 @@ export class LearnedScene extends SceneCore<FieldProgram, WebGLRenderer> {
     const fields = records.map((record, i) => print(this.options, record, `lightwellProbes${i}`, records.length));
     const finish = learnedFinish(`probes${this.id}`, fields, this.uniforms, this.keepsEnvironment);
     const looks = new Map([...this.finishes].filter(([look]) => look === "plain")).set("learned", finish);
-    return { fields, materials: () => new SurfaceMaterials(finisherOf(looks)) };
+    const finisher = finisherOf(looks);
+    return { fields, materials: () => new SurfaceMaterials(finisher) };
   }
 
   private get keepsEnvironment(): boolean {

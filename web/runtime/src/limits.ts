@@ -12,6 +12,8 @@ export const LIMITS = {
   /** Vertices and vertex indices that are drawn, those of instances included. */
   vertices: 32_000_000,
   indices: 96_000_000,
+  /** Bytes that morph targets take on the GPU. */
+  morphs: 1 << 28,
   nodes: 500_000,
   /** Levels of the node tree: three.js walks it by recursion. */
   depth: 4_000,

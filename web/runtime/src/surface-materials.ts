@@ -47,8 +47,18 @@ interface Twin {
   version: number;
 }
 
-/** Materials that are patched, whoever did it: a material has one scene. */
-const PATCHED = new WeakSet<Material>();
+/** What was put on a material, for all who show meshes of it. */
+interface Held {
+  readonly finisher: Finisher;
+  /** Null for a material without a finish. */
+  readonly patch: Patch | null;
+  /** Which sides its shadows had. */
+  readonly shadowSide: Material["shadowSide"];
+  users: number;
+}
+
+/** Materials that are taken over, whoever did it: a material with a finish has one finisher, but may be of several objects that it lights. */
+const HELD = new WeakMap<Material, Held>();
 
 /** Owns the patches and the copies; meshes, materials and textures are those of the loaded file. */
 export class SurfaceMaterials {
@@ -58,9 +68,8 @@ export class SurfaceMaterials {
   private readonly finisher: Finisher;
   private readonly glass: boolean | undefined;
   private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
-  private readonly patches = new Map<Material, Patch>();
+  private readonly held = new Map<Material, Held>();
   private readonly twins = new Map<SurfaceLook, Map<Material, Twin>>();
-  private shadowSides = new Map<Material, Material["shadowSide"]>();
   private shown: SurfaceLook = "learned";
   private brightness = 1;
 
@@ -71,7 +80,7 @@ export class SurfaceMaterials {
     this.lightmaps = lightmaps;
   }
 
-  /** Take the meshes under a root over. */
+  /** Take the meshes under a root over; all of them, or none where it throws. */
   attach(root: Object3D): void {
     root.traverse((object) => {
       if (object instanceof Mesh) {
@@ -82,22 +91,27 @@ export class SurfaceMaterials {
       } else if (object instanceof Line || object instanceof Points) this.others.push(...[object.material].flat());
     });
     this.others = this.others.filter((material) => material.visible);
-    for (const { own } of this.entries) for (const material of [own].flat()) this.patch(material);
     this.shown = "learned";
+    try {
+      for (const { own } of this.entries) for (const material of [own].flat()) this.patch(material);
+    } catch (error) {
+      this.detach();
+      throw error;
+    }
   }
 
   /** Give everything back as it was, but for what its owner has changed since. */
   detach(): void {
     this.show("learned");
     for (const { mesh, castShadow, receiveShadow } of this.entries) Object.assign(mesh, { castShadow, receiveShadow });
-    for (const [material, patch] of this.patches) {
-      patch.restore();
-      PATCHED.delete(material);
+    for (const [material, held] of this.held) {
+      if (--held.users > 0) continue;
+      held.patch?.restore();
+      if (held.finisher.shadowSide !== null) material.shadowSide = held.shadowSide;
+      HELD.delete(material);
     }
-    for (const [material, side] of this.shadowSides) material.shadowSide = side;
     for (const { material } of this.allTwins()) material.dispose();
-    this.patches.clear();
-    this.shadowSides.clear();
+    this.held.clear();
     this.twins.clear();
     this.entries = [];
     this.others = [];
@@ -124,7 +138,7 @@ export class SurfaceMaterials {
 
   /** The finishes have changed: compile everything anew when it is shown next. */
   renew(): void {
-    for (const patch of this.patches.values()) patch.renew();
+    for (const { patch } of this.held.values()) patch?.renew();
     for (const { patch } of this.allTwins()) patch?.renew();
   }
 
@@ -152,18 +166,21 @@ export class SurfaceMaterials {
   }
 
   private patch(material: Material): void {
-    if (this.patches.has(material)) return;
-    const { shadowSide } = this.finisher;
-    if (shadowSide !== null && !this.shadowSides.has(material)) {
-      this.shadowSides.set(material, material.shadowSide);
-      material.shadowSide = shadowSide;
-    }
-    if (!isStandard(material)) return;
-    if (PATCHED.has(material))
+    if (this.held.has(material)) return;
+    const held = HELD.get(material) ?? this.hold(material);
+    if (held.patch && held.finisher !== this.finisher)
       throw new Error(`LearnedScene: material '${material.name}' belongs to another scene; clone it, or dispose of that scene first`);
-    PATCHED.add(material);
-    const look = this.finisher.looks.has("learned") && (this.glass || !isClearGlass(material)) ? "learned" : "plain";
-    this.patches.set(material, this.finisher.patch(material, look));
+    held.users++;
+    this.held.set(material, held);
+  }
+
+  private hold(material: Material): Held {
+    const { finisher } = this;
+    const look = finisher.looks.has("learned") && (this.glass || !isClearGlass(material)) ? "learned" : "plain";
+    const held = { finisher, shadowSide: material.shadowSide, patch: isStandard(material) ? finisher.patch(material, look) : null, users: 0 };
+    if (finisher.shadowSide !== null) material.shadowSide = finisher.shadowSide;
+    HELD.set(material, held);
+    return held;
   }
 
   /** The material that shows a look in the place of an original, up to date with it. */
@@ -185,7 +202,7 @@ export class SurfaceMaterials {
 
   private makeTwin(material: Material, look: SurfaceLook): Twin {
     const copy = material.clone();
-    const patch = isStandard(copy) ? this.finisher.patch(copy, look, this.patches.get(material)) : null;
+    const patch = isStandard(copy) ? this.finisher.patch(copy, look, this.held.get(material)?.patch ?? undefined) : null;
     return { material: copy, patch, version: material.version };
   }
 

@@ -7,6 +7,7 @@ import {
   type WebGLRenderer,
 } from "three";
 import { rendererName } from "./device.ts";
+import { MIN_REACH } from "./falloff.ts";
 import { principledLight } from "./principled.ts";
 import { replacePart } from "./shader-part.ts";
 import { SHADOW_LIFT, SUN_EDGE } from "./shadow-lift.ts";
@@ -18,11 +19,8 @@ const MIN_REFLECTANCE = "1e-3";
 /** Dielectric reflectance at normal incidence for an index of refraction of 1.5 (glTF 2.0, appendix B). */
 const DIELECTRIC_F0 = "0.04";
 
-/** three.js' least square of the distance to a lamp: nearer than 0.1 m nothing gets brighter. In a scene of some centimetres that is everywhere. */
+/** three.js' least square of the distance to a lamp. */
 const LEAST_REACH = "0.01";
-
-/** One millimetre, in its place. */
-const MIN_REACH = "1e-6";
 
 /** Finish the shader of a standard or physical material. */
 export function patchSurfaceShader(

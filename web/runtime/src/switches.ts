@@ -4,6 +4,7 @@ import { Color, type ColorRepresentation, type Light, type Material, Mesh, MeshS
 import { fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
 import type { Lightmap } from "./lightmap.ts";
 import type { Taken } from "./own-lights.ts";
+import { TO_REST } from "./to-rest.ts";
 
 /** A group of lamps as a file declares it. */
 export interface LampRecord {
@@ -142,6 +143,8 @@ export class Switches {
     const copies = [mesh.material].flat().map((material) => {
       if (!(material instanceof MeshStandardMaterial) || material.emissive.getHex() === 0) return material;
       const copy = material.clone();
+      const toRest = TO_REST.get(material);
+      if (toRest) TO_REST.set(copy, toRest);
       const lightmap = lightmaps.get(material);
       if (lightmap) lightmaps.set(copy, lightmap);
       shining.push({ material: copy, emissive: copy.emissive.clone() });

@@ -19,7 +19,8 @@ export class TurningLamp implements Lamp {
   readonly level = 1;
   readonly shadowVersion = 0;
   private readonly root: { add(object: AmbientLight): unknown };
-  private readonly given = { color: new Color(), intensity: Number.NaN };
+  /** What was last given to the light; no intensity before the first time. */
+  private readonly given = { color: new Color(), intensity: null as number | null };
 
   /** Args: the variable; the root of its scene. */
   constructor(variable: TurningVariable, root: { add(object: AmbientLight): unknown }) {
@@ -65,16 +66,19 @@ export class TurningLamp implements Lamp {
   follow(): void {
     const seen = NORTH.clone().applyQuaternion(this.object.quaternion);
     if (seen.distanceTo(this.value) > MOVED) this.move(seen);
-    if (!this.object.color.equals(this.given.color)) this.color.copy(this.object.color);
-    if (this.object.intensity !== this.given.intensity) this.intensity = this.object.intensity;
     this.tint();
   }
 
   tint(): void {
-    this.object.color.copy(this.color);
-    this.object.intensity = this.intensity;
-    this.given.color.copy(this.color);
-    this.given.intensity = this.intensity;
+    const { object, given } = this;
+    if (given.intensity !== null) {
+      if (!object.color.equals(given.color)) this.color.copy(object.color);
+      if (object.intensity !== given.intensity) this.intensity = object.intensity;
+    }
+    object.color.copy(this.color);
+    object.intensity = this.intensity;
+    given.color.copy(this.color);
+    given.intensity = this.intensity;
   }
 
   dispose(): void {

@@ -69,8 +69,8 @@ export function readPageData(value: unknown): PageData {
 
 function readLink(value: unknown): PageLink[] {
   if (!isRecord(value) || typeof value.href !== "string" || typeof value.text !== "string") return [];
-  // Relative paths of pages only.
-  return /^[\w./-]+\.html$/.test(value.href) ? [{ href: value.href, text: value.text.slice(0, 40) }] : [];
+  // Relative paths of pages only: a slash in front would lead elsewhere, two of them to another server.
+  return /^(?!\/)[\w./-]+\.html$/.test(value.href) ? [{ href: value.href, text: value.text.slice(0, 40) }] : [];
 }
 
 function readView(value: unknown, index: number): ViewData[] {

@@ -66,7 +66,6 @@ export class SharedRenderer {
     renderer.toneMappingExposure = exposure;
     // The lower left corner of the canvas of all.
     renderer.setViewport(0, 0, width, height);
-    learned.tint();
     learned.update(renderer);
     learned.render(renderer, scene, camera, width, height);
     const context = canvas.getContext("2d")!;

@@ -1,6 +1,7 @@
 /** The light of a file for engines other than three.js: lamps, fields, and the GLSL that shades a surface with both. */
 
 import type { NeuralRadiance } from "../extension.ts";
+import { MIN_REACH } from "../falloff.ts";
 import type { TexelTexture } from "../graph/glsl.ts";
 import type { StoredBuffer } from "../graph/stored.ts";
 import { principledLight } from "../principled.ts";
@@ -16,9 +17,6 @@ export interface EngineParts {
   /** Learned light of the scene's own emitters. */
   readonly still: boolean;
 }
-
-/** Nearest squared distance that counts for the falloff of a point light, as in three.js. */
-const NEAREST = "0.01";
 
 /**
  * Lamps and fields of one file. An engine's adapter declares `uniforms`, binds `textures` and `pictures`, puts `code` before its
@@ -119,7 +117,7 @@ function directOf(index: number, { variable }: EngineLamp, shadowed: boolean): s
       ? `vec3 to = lightwellLamps[ ${index} ] - s.position; float square = dot( to, to ); to *= inversesqrt( square );`
       : `vec3 to = lightwellLamps[ ${index} ]; float square = 1.0;`;
   return `{ ${toLight}
-    IncidentLight light = IncidentLight( lightwellTints[ ${index} ] * ( ${shadow} / max( square, ${NEAREST} ) ), to );
+    IncidentLight light = IncidentLight( lightwellTints[ ${index} ] * ( ${shadow} / max( square, ${MIN_REACH} ) ), to );
     lightwellDirect( light, s.position, s.bent, s.view, s.bent, m, sum ); }`;
 }
 

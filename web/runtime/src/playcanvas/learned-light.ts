@@ -29,7 +29,7 @@ import { pointShadow, SHADOW_TAPS } from "../engines/point-shadow.ts";
 import type { NeuralRadiance } from "../extension.ts";
 import type { TexelTexture } from "../graph/glsl.ts";
 import { chunksOf } from "./chunks.ts";
-import { CUBE_SIZE, DistanceCube, type Reach } from "./distance-cube.ts";
+import { CUBE_SIZE, DistanceCube, distanceFormat, type Reach } from "./distance-cube.ts";
 
 /** Version of PlayCanvas's shader chunks that ours are written for. */
 const CHUNKS_VERSION = "2.7";
@@ -47,7 +47,7 @@ export interface PlayCanvasLamp {
 }
 
 interface Shadowed extends PlayCanvasLamp {
-  /** Null for a sun, which casts no shadow here. */
+  /** Null for a sun, which casts no shadow here, and where the device cannot draw distances. */
   readonly cube: DistanceCube | null;
   drawn: string;
 }
@@ -127,7 +127,8 @@ export class LearnedLight {
     this.root.addChild(entity);
     const put = () => entity.setLocalPosition(...lamp.value);
     put();
-    const cube = lamp.variable.kind === "point" ? new DistanceCube(this.app, this.layer, reach) : null;
+    const format = distanceFormat(this.app.graphicsDevice);
+    const cube = lamp.variable.kind === "point" && format ? new DistanceCube(this.app, this.layer, reach, format) : null;
     const move = (wish: Triple) => {
       const clamped = lamp.move(wish);
       put();

@@ -36,6 +36,7 @@ export class ProbeVolume {
   readonly name = `lwProbes${volumes++}`;
   /** The words, four in a texel. */
   readonly texture: DataTexture;
+  private readonly uses = new WeakMap<Material, ProbeUse>();
 
   constructor(file: ProbeFile | ArrayBuffer) {
     this.file = file instanceof ArrayBuffer ? readProbes(file) : file;
@@ -62,18 +63,28 @@ export class ProbeVolume {
 
   /**
    * Light a standard (or any other lit) material of `WebGLRenderer` by this volume, on top of what lights it already.
-   * `still`: the surface does not move, and asks a little off itself. Returns what can be changed at any time.
+   * `still`: the surface does not move, and asks a little off itself. Returns what can be changed at any time; the same for a material
+   * that it lights already.
    */
   light(material: Material, still = false): ProbeUse {
+    const offset = still ? this.file.offset * this.file.spacing : 0;
+    const known = this.uses.get(material);
+    if (known) {
+      known.offset.value = offset;
+      return known;
+    }
     const use: ProbeUse = {
       mode: { value: 0 },
       other: { value: 1 },
       intensity: { value: 1 },
       view: { value: 0 },
-      offset: { value: still ? this.file.offset * this.file.spacing : 0 },
+      offset: { value: offset },
       probe: { value: -1 },
     };
+    this.uses.set(material, use);
     const { name, texture } = this;
+    // That of a class is the text of the hook: read before there is another one.
+    const key = material.customProgramCacheKey();
     const before = material.onBeforeCompile;
     material.onBeforeCompile = (shader, renderer) => {
       before.call(material, shader, renderer);
@@ -96,7 +107,6 @@ export class ProbeVolume {
         ["opaque_fragment", showing(name)],
       ].reduce(addAfter, shader.fragmentShader);
     };
-    const key = material.customProgramCacheKey();
     material.customProgramCacheKey = () => `${key}${name}`;
     material.needsUpdate = true;
     return use;

@@ -150,7 +150,8 @@ export class LearnedNodeScene extends SceneCore<FieldNodes, DeviceOwner> {
     const fields = records.map((record, i) => new FieldNodes(record, `lightwellProbes${i}`, placementOf(record, this.options)));
     const finish = this.finish("learned", (own, surface) => this.withRaster(own, reflectanceNode().mul(radianceOf(fields, surface))), fields);
     const looks = new Map([...this.finishes].filter(([look]) => look === "plain")).set("learned", finish);
-    return { fields, materials: () => new SurfaceMaterials(finisherOf(looks)) };
+    const finisher = finisherOf(looks);
+    return { fields, materials: () => new SurfaceMaterials(finisher) };
   }
 
   private drawSmall(renderer: NodeRenderer, half: HalfNodes, camera: Camera, width: number, height: number): void {

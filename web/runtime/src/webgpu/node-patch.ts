@@ -40,9 +40,15 @@ export class NodePatch implements Patch {
     this.material = material;
     const subject = original?.material ?? material;
     if (Object.hasOwn(material, "customProgramCacheKey")) this.ownKey = material.customProgramCacheKey;
-    const key = () => `${(this.ownKey ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key(subject)}`;
+    // What is read calls the owner's function of that moment: a newer one may call it in turn.
+    const keyAfter = (own: (() => string) | undefined) => () =>
+      `${(own ?? Object.getPrototypeOf(material).customProgramCacheKey).call(material)}|lightwell:${finish.key(subject)}`;
+    let key = keyAfter(this.ownKey);
+    const set = (given: () => string) => {
+      if (given !== key) [this.ownKey, key] = [given, keyAfter(given)];
+    };
     Object.defineProperties(material, {
-      customProgramCacheKey: { configurable: true, get: () => key, set: (given) => void (this.ownKey = given) },
+      customProgramCacheKey: { configurable: true, get: () => key, set },
       // A material of nodes that three.js makes of another one takes what can be enumerated; so does a copy of a material of nodes.
       setup: {
         configurable: true,
