@@ -126,7 +126,8 @@ def bake(scene: PathLike, out: PathLike, *, progress: bool = False, **options: A
     """Learn the indirect light of a scene; write a glTF that carries it, a page and a report.
 
     Args:
-        scene: Path of a .glb, .gltf or Mitsuba .xml file, or 'cornell', 'courtyard', 'loft' or 'two-rooms'.
+        scene: Path of a glTF, USD, OBJ, PLY, Blender or Mitsuba .xml file, or 'cornell', 'courtyard', 'courtyard-day',
+            'doorway', 'loft' or 'two-rooms'.
         out: Folder to write.
         progress: Show bars on standard error.
         **options: Those of ``lightwell bake``, as fields of ``BakeSettings`` (``budget='5m'``, ``seed=1``,

@@ -235,7 +235,7 @@ class _Comparison:
             "budget_seconds": settings.budget.seconds,
             "fixed_steps": settings.steps,
             "samples": fit.traced.samples,
-            "paths_per_sample": settings.paths,
+            "paths_per_sample": fit.traced.each or settings.paths,
             "effort": asdict(self._budget),
             "steps": fit.training.steps,
         }

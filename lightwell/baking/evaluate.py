@@ -306,8 +306,11 @@ def light_sweep(
         mover: The first mover, along whose range the points were traced; None: along the path of the light.
 
     Returns:
-        (position on the chain in [0, 1], hour or degrees, relative error, noise floor) for each light, in this order.
+        (position on the chain in [0, 1], hour or degrees, relative error, noise floor) for each light, in this order;
+        nothing where no point was traced, as where everything moves.
     """
+    if not len(reference.place):
+        return []
     r, unit = reference, shipped.fit.unit
     f, a, b = (x / unit for x in (shipped.at(r.points, r.light), r.half_a, r.half_b))
     y = 0.5 * (a + b)

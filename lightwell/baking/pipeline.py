@@ -38,10 +38,12 @@ from lightwell.core.progress import Progress
 from lightwell.core.units import size_text, time_text
 from lightwell.core.vary import parse_vary
 from lightwell.core.work import Work
+from lightwell.fields.base import NoLight
 from lightwell.fields.budget import DEFAULT_QUALITY, estimate
 from lightwell.fields.protocol import ExtraFile, Field, Fit, Job, ReBake, Role, Shown, State, further_role, kind_of
 from lightwell.fields.registry import check_preset, field_of, find_field, preset_of
 from lightwell.fields.request import Request
+from lightwell.fields.surface.roles import light_declared
 from lightwell.files import write_atomically
 from lightwell.report.html import write_report
 from lightwell.report.records import PageLink, ReportData
@@ -153,14 +155,31 @@ def loaded(settings: BakeSettings | CompareSettings) -> Scene:
 def learn(field: Field, state: State) -> dict[Role, Fit]:
     """Sample and fit every role of a prepared scene.
 
+    A light that may be anywhere because none was declared is left out where no surface reflects it to another one, as
+    in a scene of a single sphere, if the scene has light of its own.
+
     Args:
         field: The field.
-        state: The prepared scene.
+        state: The prepared scene; it loses the role of such a light.
 
     Returns:
         The fit of each role.
+
+    Raises:
+        NoLight: A light that was declared, or the only one, reaches nothing; one line with the cure.
     """
-    return {role: field.fit(state, role, field.sample(state, role)) for role in state.roles}
+    fits: dict[Role, Fit] = {}
+    for role in state.roles:
+        try:
+            fits[role] = field.fit(state, role, field.sample(state, role))
+        except NoLight:
+            if state.roles != ("indirect", "static") or fits or light_declared(state.job):
+                raise
+            told = f"no surface of scene '{state.scene.name}' reflects light to another: only its own light is baked"
+            state.warnings.append(told)
+            state.job.progress.say(f"[yellow]warning[/] {state.warnings[-1]}")
+            state.variable, state.roles = None, ("static",)
+    return fits
 
 
 # ---------------------------------------------------------------------- score and write
@@ -207,7 +226,7 @@ def _told(settings: BakeSettings, state: State, shipped: Sequence[Shipped]) -> d
         "quality": settings.quality,
         "budget_seconds": settings.budget.seconds,
         "budget_error": settings.budget.error,
-        "paths_per_sample": settings.paths,
+        "paths_per_sample": next((s.fit.traced.each for s in shipped if s.fit.traced.each), settings.paths),
         "plans": {s.role: s.fit.plan for s in shipped},
         "dropped_paths": sum(s.fit.traced.dropped for s in shipped),
     }

@@ -242,6 +242,9 @@ def leak_facts(
         drawn = draw_surface(posed(scene, end), budget.points, EVALUATION_SEED + 7, shown=True).points
         still = drawn[np.flatnonzero(~np.isin(drawn.shape, moving_meshes(scene.movers)))]
         here, there = at_pose(still, end), at_pose(still, back)
+        if not len(still):
+            found.append({"value": scene.movers[mover].value(stop), "dark_points": 0, "leak": None})
+            continue
         lights = np.broadcast_to(np.asarray(light, np.float32), (len(still), 3))
         y, lit = (0.5 * sum(np.nan_to_num(h) for h in halves(p, lights, budget.point_paths)) for p in (here, there))
         y, lit = y.mean(axis=1), lit.mean(axis=1)

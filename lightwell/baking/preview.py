@@ -22,7 +22,7 @@ from lightwell.asset.write import glb_bytes
 from lightwell.baking.environment import environment_entry
 from lightwell.baking.evaluate import lit_views
 from lightwell.baking.settings import BakeSettings
-from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_unit
+from lightwell.fields.base import FieldSetup, Learner, NoLight, around_samples, radiance_unit
 from lightwell.fields.budget import Budget
 from lightwell.fields.features import open_builder
 from lightwell.fields.protocol import GoodEnough, Role
@@ -175,7 +175,11 @@ class Preview:
         assert shown is not None
         samples = shown.samples(lights, role, SEED + 2 * number)
         light = None if role == "static" else shown.variable
-        unit = radiance_unit(samples, light)
+        try:
+            unit = radiance_unit(samples, light)
+        except NoLight:
+            # The bake says what that means for it.
+            return
         setup = FieldSetup.of(shown.scene, unit, light.kind if light else "static", shown.variable)
         learner = find_field(DEFAULT).start(around_samples(setup, samples), PRESET, shown.seed)
         learner.learn_from(samples)
@@ -199,6 +203,17 @@ class Preview:
         """
         if self._note(role, learner) and self._clock() - self._published >= LEAST_SECONDS:
             self.publish("training")
+        return self.waited()
+
+    def waited(self) -> float:
+        """Wait while the training is paused, of which the page cannot show what it has learned.
+
+        Returns:
+            Seconds of waiting.
+
+        Raises:
+            GoodEnough: The training is to end.
+        """
         start = self._clock()
         with self._changed:
             while self._paused and not self.enough:

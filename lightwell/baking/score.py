@@ -97,11 +97,17 @@ def score(
     names, traced = evaluate.object_names(state.scene), reference.points
     points = {s.role: evaluate.compare_points(traced[s.role], s, names) for s in ordered if s.role in traced}
     views = _compare_views(state, reference, ordered, settings.view_size, names, notes)
-    facts |= _of_roles(others, points)
+    facts |= notes.attempt("the errors of the other parts of the light", partial(_of_roles, others, points), {})
     quality, judged = _judge(state, settings, reference, budget, ordered, notes)
     balls = partial(moved_objects, state, reference.stage, ordered)
     moved: list[MovedObject] = notes.attempt("the pictures of what probes light", balls, [])
     paths = sum(s.fit.traced.paths for s in shipped)
+    of_poses = partial(_pose_facts, state, reference, ordered[0], points, budget, notes)
+    of_lights = partial(_light_facts, state, reference, ordered, points)
+    # All of them before the notes are listed.
+    told = facts_of(ordered) | notes.attempt("the errors by pose", of_poses, {})
+    told |= notes.attempt("the errors over the lights", of_lights, {})
+    sweep = notes.attempt("the error along the path of the light", partial(_sweep, state, reference, first), {})
     return ReportData(
         scene=state.scene.name,
         field=field,
@@ -116,11 +122,9 @@ def score(
         versions=versions(),
         settings=facts,
         training=first.fit.training.curve,
-        **_sweep(state, reference, first),
+        **sweep,
         warnings=[*warnings(state), *notes.texts],
-        facts=facts_of(ordered)
-        | _pose_facts(state, reference, ordered[0], points, budget, notes)
-        | _light_facts(state, reference, ordered, points),
+        facts=told,
         unit=first.fit.unit,
         quality=quality,
         verdict=judged,

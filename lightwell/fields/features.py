@@ -166,8 +166,9 @@ def grid_point(b: Builder, setup: FieldSetup, lift: float) -> str:
     return b.add(place, b.scale(normal, lift))
 
 
-# Softens the reciprocal of a direction's components; exits farther than this many half edges do not occur.
-EXIT_SOFTENING, FARTHEST_EXIT = 1e-3, 1e4
+# Softens the reciprocal of a direction's components; exits farther than this many half edges do not occur. A flat
+# scene, a floor alone, is taken to be so thick, relative to its longest edge.
+EXIT_SOFTENING, FARTHEST_EXIT, FLAT = 1e-3, 1e4, 1e-3
 
 
 def mirrored_point(b: Builder, setup: FieldSetup, normal: str = "normal") -> str:
@@ -182,6 +183,7 @@ def mirrored_point(b: Builder, setup: FieldSetup, normal: str = "normal") -> str
         Name of the node with the point in [0, 1]³ of the grid's cube, width 3.
     """
     half = np.asarray(setup.size or (2 * setup.half_extent,) * 3) / 2
+    half = np.where(half > 0, half, FLAT * setup.half_extent)
     r = b.normalize(b.reflect(normal, "view"))
     # Place and direction in the box [-1, 1]³, and the sign of each component of the direction.
     p = b.affine("position", list(1 / half), [-c / h for c, h in zip(setup.center, half)])

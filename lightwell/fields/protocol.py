@@ -77,6 +77,13 @@ class Observer(Protocol):
             Seconds in which the training was paused.
         """
 
+    def waited(self) -> float:
+        """Wait while the training is paused; ``GoodEnough`` ends it. For trainings of which nothing can be shown yet.
+
+        Returns:
+            Seconds of waiting.
+        """
+
 
 @dataclass(frozen=True)
 class Job:
@@ -94,6 +101,21 @@ class Job:
     and a training that takes longer than planned is stopped."""
     observer: Observer | None = None
     """Is told about the training; None: nobody looks."""
+
+    def wait(self) -> float:
+        """Wait while the observer pauses the training, which is left out of the time of the bake.
+
+        Returns:
+            Seconds of waiting.
+
+        Raises:
+            GoodEnough: The training is to end.
+        """
+        if self.observer is None:
+            return 0.0
+        seconds = self.observer.waited()
+        self.work.skip(seconds)
+        return seconds
 
 
 @dataclass
@@ -208,6 +230,9 @@ class Traced:
     """Training samples."""
     rate: float = 0.0
     """Light paths per second as measured without finding surface points; 0: not measured."""
+    each: int | None = None
+    """Light paths of a sample, as they were traced: its own, or the rays that all samples of its point share; None: as
+    many as were asked for."""
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ class Request:
     budget: Budget = option(
         Budget(),
         "60s, 5m, 1h for the whole bake from loading to writing, or 5%% of error on validation lights "
-        "(default: the time of the quality; demo: 150s)",
+        "(default: the time of the quality; demo: 170s)",
         parse=Budget.parse,
         metavar="TIME|ERROR",
         group="how long, how good",
@@ -69,7 +69,8 @@ class Request:
     )
     paths: int = option(
         16,
-        "light paths per training sample, even (default: 16)",
+        "light paths per training sample, even; light of a moving lamp that was reflected once has twice as many "
+        "(default: 16)",
         least=2,
         check=lambda n: "is odd; give an even number (two independent halves)" if n % 2 else "",
         group="how long, how good",

@@ -79,26 +79,30 @@ class TrainingState:
     best_step: int = 0
     history: list[tuple[int, float, float]] = field(default_factory=list)
     """(step, training loss since the last entry, validation error)."""
+    stopped: int = 0
+    """Step that was trained to when early stopping ended the training at the last entry; 0: it did not."""
 
     def arrays(self) -> Arrays:
         """Return the arrays of a checkpoint.
 
         Returns:
-            Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3].
+            Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3]; after early stopping ``stopped``,
+            scalar.
         """
-        return {
+        found = {
             "step": np.array([self.step, self.samples_seen, self.best_step], np.int64),
             "best_error": np.array(self.best_error),
             "history": np.array(self.history, np.float64).reshape(-1, 3),
         }
+        return found | ({"stopped": np.array(self.stopped, np.int64)} if self.stopped else {})
 
     @staticmethod
     def of(arrays: Mapping[str, np.ndarray]) -> TrainingState:
         """Restore the state from the arrays of a checkpoint.
 
         Args:
-            arrays: Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3]. A missing name is a
-                ``KeyError``.
+            arrays: Arrays by name: ``step`` [3], ``best_error`` scalar, ``history`` [K, 3], and ``stopped`` scalar or
+                missing. Another missing name is a ``KeyError``.
 
         Returns:
             The state.
@@ -106,7 +110,9 @@ class TrainingState:
         Raises:
             ValueError: An array has the wrong shape or holds impossible values.
         """
-        steps, history = arrays["step"], arrays["history"]
+        steps, history, stopped = arrays["step"], arrays["history"], arrays.get("stopped", np.array(0))
+        if stopped.shape != () or stopped.dtype.kind not in "iu" or stopped < 0:
+            raise ValueError("'stopped' is not a count")
         if steps.shape != (3,) or steps.dtype.kind not in "iu" or (steps < 0).any():
             raise ValueError("'step' is not three counts")
         if history.ndim != 2 or history.shape[1] != 3 or not np.isfinite(history).all():
@@ -116,7 +122,8 @@ class TrainingState:
         # Infinity before the first evaluation; afterwards an error.
         if not best >= 0 or (best_step and not math.isfinite(best)):
             raise ValueError(f"'best_error' is {best}, the best step {best_step}")
-        return TrainingState(step, seen, best, best_step, [(int(s), float(a), float(b)) for s, a, b in history])
+        rows = [(int(s), float(a), float(b)) for s, a, b in history]
+        return TrainingState(step, seen, best, best_step, rows, int(stopped))
 
 
 Progress = Callable[[TrainingState, int], None]
@@ -151,6 +158,9 @@ def run_steps(
     Raises:
         RuntimeError: Loss or error is not finite.
     """
+    if state.stopped and until <= state.stopped:
+        return True  # It was resumed after early stopping had ended it.
+    state.stopped = 0
     while state.step < until:
         before = state.step
         finished = step()
@@ -168,11 +178,13 @@ def run_steps(
         state.history.append((state.step, loss, error))
         if error < state.best_error:
             state.best_error, state.best_step = error, state.step
+        enough = max(settings.patience * settings.evaluate_every, total // 5)
+        if settings.patience and state.step - state.best_step >= enough:
+            state.stopped = until
         if progress:
             progress(state, total)
         if checkpoint:
             checkpoint()
-        enough = max(settings.patience * settings.evaluate_every, total // 5)
-        if finished or (settings.patience and state.step - state.best_step >= enough):
+        if finished or state.stopped:
             return True
     return False

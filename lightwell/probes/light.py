@@ -14,7 +14,7 @@ from lightwell.probes.bricks import BUDGET, worst
 from lightwell.probes.samples import SAMPLE_STREAM, ProbeSampling, joined, rows
 from lightwell.probes.sheets import changed_nodes
 from lightwell.probes.solve import Solution, SolveRows, solve
-from lightwell.probes.state_light import light_of_states
+from lightwell.probes.state_light import light_of_states, points_at_once
 from lightwell.probes.states import Lights
 from lightwell.probes.support import touched
 from lightwell.probes.volume import ProbeVolume, coefficients
@@ -97,9 +97,10 @@ def traced(
     alive = np.concatenate([level.support.alive[level.nodes] for level in geometry.levels])
     out = np.zeros((1 if lights is None else len(lights), len(place), 9, 3), np.float32)
     probes = probes[alive[probes]]
-    if len(probes):
-        more = (number[probes], sampling.direct, variable, lights)
-        out[:, probes] = light_of_states(scene, place[probes], sampling.probe_paths, seed, *more).mean(axis=0)
+    for start in range(0, len(probes), size := points_at_once(lights)):
+        part = probes[start : start + size]
+        more = (number[part], sampling.direct, variable, lights)
+        out[:, part] = light_of_states(scene, place[part], sampling.probe_paths, seed, *more).mean(axis=0)
     return out[0] if lights is None else out
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from lightwell.probes.bake import Geometry
 from lightwell.probes.solve import SolveRows, relative_error
-from lightwell.probes.state_light import light_of_states
+from lightwell.probes.state_light import AT_ONCE, light_of_states, points_at_once
 from lightwell.probes.states import Lights
 from lightwell.probes.support import touched
 from lightwell.scenes.scene import Scene
@@ -119,6 +119,8 @@ def sample_light(
     seed: int,
     variable: Variable | None = None,
     lights: Lights = None,
+    *,
+    at_once: int = AT_ONCE,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Path trace the light at points in air, with more paths in noisy cells.
 
@@ -131,10 +133,48 @@ def sample_light(
         seed: Seed of the paths.
         variable: Declared light; None for the scene's own emitters.
         lights: [S, 3] positions (or directions) of the declared light, or states of the scene's own; None: as it is.
+        at_once: Bytes of light that are traced at a time, about; bounds memory, and changes nothing else.
 
     Returns:
         [I, 9, 3] float32 irradiance harmonics, or [S, I, 9, 3] of S states, and [I] relative error that noise causes.
     """
+    light = np.empty((1 if lights is None else len(lights), len(at), 9, 3), np.float32)
+    noise = np.empty(len(at))
+    for rows in _whole_cells(own, points_at_once(lights, at_once)):
+        here = (at[rows], number[rows], own[rows])
+        light[:, rows], noise[rows] = _some(scene, *here, sampling, seed, variable, lights)
+    return light[0] if lights is None else light, noise
+
+
+def _whole_cells(own: np.ndarray, most: int) -> list[np.ndarray]:
+    """Indices of the points of some cells each, at most so many unless a cell has more.
+
+    All points of a cell decide how many paths they get.
+    """
+    if len(own) <= most:
+        return [np.arange(len(own))]
+    order = np.argsort(own, kind="stable")
+    last = np.append(np.flatnonzero(np.diff(own[order])), len(own) - 1)
+    parts, first = [], 0
+    while first < len(own):
+        fits = last[(last >= first) & (last < first + most)]
+        end = int(fits[-1] if len(fits) else last[np.searchsorted(last, first)]) + 1
+        parts.append(np.sort(order[first:end]))
+        first = end
+    return parts
+
+
+def _some(
+    scene: Scene,
+    at: np.ndarray,
+    number: np.ndarray,
+    own: np.ndarray,
+    sampling: ProbeSampling,
+    seed: int,
+    variable: Variable | None,
+    lights: Lights,
+) -> tuple[np.ndarray, np.ndarray]:
+    """[S, I, 9, 3] light at the points of whole cells, and [I] noise."""
     halves = _halves(scene, at, number, sampling.paths, seed, sampling.direct, variable, lights)
     times = path_factors(_noise(halves), own, sampling.most)
     for k in np.unique(times[times > 1]):
@@ -142,8 +182,7 @@ def sample_light(
         paths = sampling.paths * int(k - 1)
         more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, sampling.direct, variable, lights)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
-    light = halves.mean(axis=0).astype(np.float32)
-    return light[0] if lights is None else light, _noise(halves)
+    return halves.mean(axis=0).astype(np.float32), _noise(halves)
 
 
 def joined(a: SolveRows, b: SolveRows) -> SolveRows:

@@ -138,7 +138,8 @@ def solve(
     goal, start = (rows.light, traced) if states else (rows.light[None], traced[None])
     live = np.flatnonzero(volume.alive if free is None else volume.alive & free)
     columns = a[:, live].tocsc()
-    fixed = np.zeros((columns.shape[0], 27 * len(start)))
+    # Zeros of one number: with many states they would be gigabytes.
+    fixed = np.broadcast_to(0.0, (columns.shape[0], 27 * len(start)))
     if free is not None:
         before = (held if states else held[None]).astype(np.float64)
         fixed = a[:, np.flatnonzero(~free)] @ np.moveaxis(before[:, ~free], 0, 1).reshape(int((~free).sum()), -1)

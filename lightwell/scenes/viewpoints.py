@@ -9,7 +9,7 @@ import numpy as np
 from lightwell.core.sobol import Sobol
 from lightwell.scenes.vectors import vector
 
-from .free_air import free_air
+from .free_air import SEEN, free_air
 from .scene import Camera, Scene
 from .variables import PointLight, Variable
 
@@ -17,8 +17,17 @@ from .variables import PointLight, Variable
 EYE_CLEARANCE = 0.05
 HALVINGS = 5
 
+# Where no eye fits in and around the light's box, eyes are looked for in all of the scene, then above and around it, so
+# far away, as shares of its longest edge: a car park has no air of its own.
+AROUND = (0.0, 0.25, 0.5)
+# Where none fits there either, cameras look at the middle of the scene from outside: their azimuths and elevations,
+# degrees; those from below are for what only shows its underside.
+OUTSIDE_AZIMUTHS, OUTSIDE_ELEVATIONS = 12, (15.0, 40.0, -25.0)
+
 # Positions tested per requested camera (at least LEAST_EYES), views per position, rays per view.
 EYES_PER_CAMERA, LEAST_EYES, LOOKS, GRID = 6, 64, 12, (8, 6)
+# Positions that are tried, a power of two as Sobol sequences require.
+CANDIDATES = 2048
 
 FOV_Y = 60.0
 
@@ -84,7 +93,9 @@ def _frames(looks: Sequence[Camera]) -> np.ndarray:
     return np.stack([right, np.cross(right, forward), forward])
 
 
-def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, authored: bool = False) -> list[Camera]:
+def sample_cameras(
+    scene: Scene, variable: Variable, count: int, seed: int, authored: bool = False, outside: bool = True
+) -> list[Camera]:
     """Choose different cameras with a field of view of 60 degrees.
 
     Views are ranked by their mean depth, the variety of their depths and the number of surfaces in them.
@@ -95,17 +106,26 @@ def sample_cameras(scene: Scene, variable: Variable, count: int, seed: int, auth
         count: Number of cameras, ≥ 0.
         seed: Seed of the cameras.
         authored: Put the scene's own cameras first.
+        outside: Where no eye fits into the scene, such as a floor alone or a closed box, look at it from above, from
+            around it, or from afar. False: refuse.
 
     Returns:
         ``count`` cameras.
+
+    Raises:
+        ValueError: No eye fits into the scene, and ``outside`` is False.
     """
     own = list(scene.cameras)[:count] if authored else []
     if len(own) == count:
         return own
     random = np.random.default_rng(np.random.SeedSequence([seed, 17]))
-    eyes = _eyes(scene, variable, max(LEAST_EYES, EYES_PER_CAMERA * count), random)
-    extent = _extent(scene)
-    looks = [camera for eye in eyes for camera in _looks(eye, extent, random)]
+    wanted, extent = max(LEAST_EYES, EYES_PER_CAMERA * count), _extent(scene)
+    eyes = _eyes(scene, variable, wanted, random)
+    if not len(eyes) and not outside:
+        raise ValueError(f"cameras: no eye fits into the free air of scene '{scene.name}'; add a camera to the scene")
+    if not len(eyes):
+        eyes = _eyes_around(scene, wanted, random)
+    looks = [camera for eye in eyes for camera in _looks(eye, extent, random)] or _from_outside(scene, random)
     chosen = _spread(looks, _worth(scene, looks), count - len(own), extent)
     return own + [
         Camera(looks[k].position, looks[k].target, fov_y=FOV_Y, name=f"view {n + 1}") for n, k in enumerate(chosen)
@@ -125,15 +145,47 @@ def _eyes(scene: Scene, variable: Variable, count: int, random: np.random.Genera
         margin = 0.1 * (high - low)
         low = np.maximum(low, np.asarray(variable.low) - margin)
         high = np.minimum(high, np.asarray(variable.high) + margin)
-    points = low + Sobol(3, random).random(2048) * (high - low)
+    return _free(scene, low, high, count, random)
+
+
+def _free(scene: Scene, low: np.ndarray, high: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+    """Draw up to ``count`` points [K, 3] of free air in a box, with the largest clearance; none where it has none."""
+    points = low + Sobol(3, random).random(CANDIDATES) * (high - low)
     air = free_air(scene)
+    free = points[:0]
     for halving in range(HALVINGS):
         free = points[air.accepts(points, EYE_CLEARANCE * _extent(scene) / 2**halving)]
         if len(free) >= count:
             return free[:count]
-    if len(free) == 0:
-        raise ValueError(f"cameras: no eye fits into the free air of scene '{scene.name}'; add a camera to the scene")
     return free
+
+
+def _eyes_around(scene: Scene, count: int, random: np.random.Generator) -> np.ndarray:
+    """Draw up to ``count`` points [K, 3] of free air in the scene, above it and around it, from where it is seen."""
+    low, high = scene.core
+    found = np.zeros((0, 3))
+    for share in AROUND:
+        more = share * _extent(scene)
+        # Not below it: two-sided ground would be seen from under it.
+        found = _free(scene, low - more * np.array([1, 0, 1]), high + more, count, random)
+        found = found[free_air(scene).views(found).hit >= SEEN] if len(found) else found
+        if len(found):
+            break
+    return found
+
+
+def _from_outside(scene: Scene, random: np.random.Generator) -> list[Camera]:
+    """Make cameras around the scene that look at its middle and see all of it; nothing is said about the air there."""
+    low, high = scene.core
+    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    azimuth = 2 * np.pi * (np.arange(OUTSIDE_AZIMUTHS) + random.random()) / OUTSIDE_AZIMUTHS
+    looks = []
+    for elevation in np.radians(OUTSIDE_ELEVATIONS):
+        y = np.full(OUTSIDE_AZIMUTHS, np.sin(elevation))
+        away = np.stack([np.cos(elevation) * np.sin(azimuth), y, -np.cos(elevation) * np.cos(azimuth)], axis=1)
+        eyes = middle + radius / np.sin(np.radians(FOV_Y / 2)) * away
+        looks += [Camera(vector(eye), vector(middle), fov_y=FOV_Y) for eye in eyes]
+    return looks
 
 
 def _looks(eye: np.ndarray, extent: float, random: np.random.Generator) -> list[Camera]:

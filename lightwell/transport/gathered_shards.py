@@ -35,6 +35,11 @@ class GatheredShards(SeenShards):
     most: int | None = None
     """Shards that hold all that there is; None: there are always further pairs of point and light."""
 
+    @property
+    def paths(self) -> int:
+        """Paths of a sample of its own, of a lamp; else the rays that all samples of its point share."""
+        return self._size.paths if self._traces_first else super().paths
+
     @cached_property
     def lights(self) -> np.ndarray:
         """Draw the lights under which the bins are lit.

@@ -19,7 +19,7 @@ from lightwell.transport.lamp_light import LampLight, block_mean, emission_met
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
-from lightwell.transport.radiosity import LANES, Rows, stored_ends
+from lightwell.transport.radiosity import LANES, Rows, bin_type, stored_ends
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.uneven_light import sums_by_group
 
@@ -71,7 +71,7 @@ class _Tracer:
         And the light of the bins on which it is uneven, [count, K, 3].
         """
         bins, uneven = self._light.radiosity.bins, np.zeros((self._count, self._light.sources.count, 3))
-        found = np.empty((self._count, rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
+        found = np.empty((self._count, rays), bin_type(bins.count))
         weight = np.empty((self._count, rays, 3), np.float16)
         for first, size in _parts(self._count, rays):
             _, ray, β, rng = self._cosine_rays(first, size, rays, self._seed)

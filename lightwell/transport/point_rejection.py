@@ -5,7 +5,7 @@ All tests trace short rays from the points; none depends on the paths of the sam
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -38,8 +38,8 @@ CROSSINGS = 32
 COPLANAR = 4
 # Rays that leave the scene from points inside its bounds, below which the scene counts as a room.
 ROOM_ESCAPE = 1 / 3
-# Points and rays per point of the test for a room.
-ROOM_POINTS, ROOM_RAYS = 128, 64
+# Points and rays per point of the test for a room, and points on surfaces that look for another surface.
+ROOM_POINTS, ROOM_RAYS, LONE_POINTS = 128, 64, 1 << 12
 # Rejection rays of one launch.
 LAUNCH = 1 << 21
 
@@ -163,9 +163,27 @@ def room(scene: Scene) -> bool:
         scene: Scene to test; the answer is kept with it.
 
     Returns:
-        True for a room.
+        True for a room; False where these rays meet the inside of a solid alone, as in a scene of one sphere.
     """
-    return scene.cache.get(IS_ROOM, lambda: _escape_share(scene) < ROOM_ESCAPE)
+    return scene.cache.get(IS_ROOM, lambda: _escape_share(scene) < ROOM_ESCAPE and not _lone(scene))
+
+
+def _lone(scene: Scene) -> bool:
+    """Test whether no surface sees another one from a side that borders on air."""
+    t, random = tables(scene), np.random.default_rng(0)
+    cdf = np.cumsum(t.area)
+    triangle = np.searchsorted(cdf, random.random(LONE_POINTS) * cdf[-1], side="right").clip(0, len(cdf) - 1)
+    shape = t.mesh_of[triangle]
+    root, v = np.sqrt(random.random(LONE_POINTS)), random.random(LONE_POINTS)
+    place, view = np.stack([root * (1 - v), root * v], axis=1), np.zeros((LONE_POINTS, 3), np.float32)
+    on = SurfacePoints(shape, (triangle - t.first[shape]).astype(np.uint32), place.astype(np.float32), view)
+    flat = frames(scene, on)[2]
+    on = replace(on, view=flat * np.where(np.arange(LONE_POINTS) % 2, -1, 1)[:, None].astype(np.float32))
+    rows = np.flatnonzero(own_side(scene, on, flat))
+    if not len(rows):
+        return False
+    _, wrong, escaped = _shares(scene, on[rows], 0)
+    return bool((wrong + escaped > 1 - 0.5 / RAYS).all())
 
 
 def _escape_share(scene: Scene) -> float:

@@ -104,6 +104,11 @@ class PosedShards:
         return max(limits, default=None)
 
     @property
+    def paths(self) -> int:
+        """Paths of a sample, as of the shards of each pose."""
+        return self._of_poses[0].maker.paths
+
+    @property
     def before_adaptive(self) -> float:
         """Seconds before the first adaptive shard: those of the poses that are added, by what the first ones took.
 

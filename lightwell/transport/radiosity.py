@@ -28,11 +28,12 @@ from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bin_places import BinPlaces
-from lightwell.transport.bins import Bins, find_bins, parted
+from lightwell.transport.bins import FEWEST, Bins, find_bins, parted
 from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.queries import dot, frames
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import CELLS
 from lightwell.transport.tables import tables
@@ -92,8 +93,17 @@ class Radiosity:
         tables(scene)
         self._probes = points[: min(len(points), PROBE_POINTS)]
         position, normal, _ = self._hits(DevicePoints(self._probes), len(self._probes), PROBES, seed)
-        found = find_bins(position, normal, bins, np.random.default_rng([seed, 5]))
+        found = find_bins(position, normal, bins, np.random.default_rng([seed, 5])) if len(position) else None
+        if found is None or not found.count:
+            # No surface sees another one: a floor, a sphere. Bins of what the points lie on keep all the rest as it is.
+            found = find_bins(*self._own_places(), bins, np.random.default_rng([seed, 5]))
         self.bins: Bins = parted(found, self._sight)
+
+    def _own_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places and normals [N, 3] of the points themselves, on the sides of their views; as often as bins need."""
+        position, _, flat = frames(self.scene, self._probes)
+        flat = flat * np.where(dot(flat, self._probes.view) < 0, -1.0, 1.0)
+        return position.repeat(FEWEST, axis=0), flat.repeat(FEWEST, axis=0)
 
     def _sight(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """[K] whether nothing stands between places [K, 3]."""
@@ -292,9 +302,10 @@ def _seen_rows(
 ) -> Rows:
     """What points see of the bins, ray by ray."""
     device, batch = DevicePoints(points), max(1, LANES // rays)
-    found = np.empty((len(points), rays), np.uint16 if bins.count < 1 << 16 else np.uint32)
-    weight = np.empty((len(points), rays, 3), np.float16)
+    # The largest number is that of nothing, behind the cells of the sky.
     dark = bins.count + (CELLS if sky else 0)
+    found = np.empty((len(points), rays), bin_type(dark))
+    weight = np.empty((len(points), rays, 3), np.float16)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         w, p, n, away = rays_of_points(scene, device, start, count, rays, seed, first)
@@ -307,6 +318,18 @@ def _seen_rows(
         for c, values in enumerate(w):
             weight[start : start + count, :, c] = np.array(values).reshape(count, rays)
     return Rows(found, weight)
+
+
+def bin_type(largest: int) -> type[np.uint16] | type[np.uint32]:
+    """Choose the type of ``Rows.bin``.
+
+    Args:
+        largest: Largest number that is stored.
+
+    Returns:
+        The smallest type that holds it.
+    """
+    return np.uint16 if largest <= np.iinfo(np.uint16).max else np.uint32
 
 
 def stored_ends(

@@ -66,7 +66,8 @@ def draw_seen(
 def _camera_rays(scene: Scene, variable: Variable, seed: int):
     """(count, random) → origins and directions [K, 3] through random pixels of the scene's own and sampled cameras."""
     try:
-        sampled = sample_cameras(scene, variable, CAMERAS, seed)
+        # Cameras that stand outside say little about where people look if the scene has cameras of its own.
+        sampled = sample_cameras(scene, variable, CAMERAS, seed, outside=not scene.cameras)
     except ValueError:
         sampled = []
     cameras: list[Camera] = [*scene.cameras, *sampled]

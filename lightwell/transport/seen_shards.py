@@ -28,8 +28,9 @@ ADAPTIVE_STREAM = 1 << 20
 SHARED_STREAM, STREAMS = 0x6A, 4
 # Rays of a point, and the lights whose bins are lit.
 RAYS, MOST_LIGHTS = 128, 2048
-# Paths of a sample that look for the once reflected light of a lamp: noise against shards in the same time.
-PATHS = 32
+# Paths of a sample that look for the once reflected light of a lamp: noise against shards in the same time. As many for
+# each path that a sample is asked to have, of which there are 16 by default.
+PATHS, PATHS_OF_EACH = 32, 2
 # A half of a sample is at most so many times the other, to which this multiple of the mean under the same light is
 # added; the mean is without this share of the largest halves, which would raise their own limit. With a multiple of
 # 0.25, a third of all light was lost where few paths find any; with 2, spikes keep as little of their noise.
@@ -59,7 +60,7 @@ class GatherSize:
 
         Args:
             shards: Expected shards.
-            settings: Sizes of a shard.
+            settings: Sizes of a shard, and the paths of its samples.
             rays: Rays of a point, even.
 
         Returns:
@@ -74,6 +75,7 @@ class GatherSize:
             scaled(MOST_BINS, FEWEST_BINS),
             int(np.clip(1 << (int(MOST_LIGHTS * share**0.5) - 1).bit_length(), FEWEST_LIGHTS, MOST_LIGHTS)),
             rays,
+            PATHS_OF_EACH * settings.paths,
         )
 
 
@@ -142,6 +144,11 @@ class SeenShards:
 
     before_adaptive = 0.0
     """Seconds before the first adaptive shard."""
+
+    @property
+    def paths(self) -> int:
+        """Paths of a sample: those of its own, or the rays that all samples of its point share."""
+        return self._size.rays
 
     def __init__(
         self,

@@ -88,6 +88,11 @@ class TurnedShards(GatheredShards):
 
     _variable: Turning
 
+    @property
+    def paths(self) -> int:
+        """Paths of a sample of its own, to the map."""
+        return self._settings.paths
+
     @cached_property
     def _gather(self) -> Gather:
         lit = turned_light(self.seen.radiosity, self._variable, self.lights, int(self._seeds[3])).irradiance

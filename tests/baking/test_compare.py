@@ -29,7 +29,7 @@ from lightwell.report import metrics, picture_metrics
 from lightwell.scenes import load
 from lightwell.scenes.variables import declare
 from lightwell.transport.queries import make_query
-from lightwell.transport.seen_shards import PATHS, RAYS
+from lightwell.transport.seen_shards import PATHS_OF_EACH, RAYS
 
 FIELDS = "mlp:small,mlp:report-20"
 ROOT = Path(__file__).parents[2]
@@ -109,7 +109,8 @@ def test_every_field_saw_the_same_samples(compared):
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small", "mlp:report-20"]
     assert numbers["settings"]["samples"] == 2 * 32 * 128
     # The rays that all samples are gathered from, and the paths of each.
-    assert numbers["paths"] == 8192 * RAYS + 2 * 32 * 128 * PATHS
+    assert numbers["settings"]["paths_per_sample"] == PATHS_OF_EACH * 8
+    assert numbers["paths"] == 8192 * RAYS + 2 * 32 * 128 * PATHS_OF_EACH * 8
     assert {field["steps"] for field in numbers["fields"]} == {20} and not numbers["failed"]
     assert all(field["noise_floor"] == numbers["noise_floor"] for field in numbers["fields"])
 

@@ -157,6 +157,22 @@ def test_render_refusals(capsys, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_file_that_cannot_be_written_is_told_before_the_scene_is_loaded(capsys, tmp_path):
+    # The scene is no scene: what is said of the file comes first.
+    (tmp_path / "bad.glb").write_bytes(b"no scene")
+    (tmp_path / "x.png").mkdir()
+    (tmp_path / "x.npz").mkdir()
+    cure = "the folder does not exist; create it first"
+    for verb, name in (("render", "x.png"), ("samples", "x.npz")):
+        line = _refused(capsys, verb, tmp_path / "bad.glb", "-o", tmp_path / "no" / name)
+        assert f"cannot write '{tmp_path / 'no' / name}'" in line and line.endswith(cure) and line.count(cure) == 1
+        line = _refused(capsys, verb, tmp_path / "bad.glb", "-o", tmp_path / name)
+        assert "a folder of that name exists; choose another file name" in line
+    for integrator in ("nrc", "vpl"):
+        more = ("-o", tmp_path / "no/x.png", "--integrator", integrator)
+        assert "cannot write" in _refused(capsys, "render", tmp_path / "bad.glb", *more)
+
+
 def test_help_teaches_every_verb():
     text = subprocess.run(
         [sys.executable, "-m", "lightwell.cli", "--help"], capture_output=True, text=True, check=True

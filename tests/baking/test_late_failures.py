@@ -1,14 +1,17 @@
 """What fails after tracing and training is a note of the report: the asset and its page are written all the same."""
 
 import json
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from lightwell.asset.read import read_fields
-from lightwell.baking import pipeline, reference
+from lightwell.baking import evaluate, pipeline, reference
 from lightwell.baking.late_notes import LateNotes
 from lightwell.baking.pipeline import bake
 from lightwell.core.progress import Progress
+from lightwell.transport.samples import SurfacePoints
 
 from .conftest import small
 
@@ -22,6 +25,7 @@ STAGES = {
     "points": (reference, "trace_points", "surface points"),
     "view": (reference, "trace_view", "the score of"),
     "sweep": (reference, "trace_sweep", "path of the light"),
+    "chain": (evaluate, "light_sweep", "path of the light"),
     "picture": (reference, "reference_picture", "reference picture of"),
 }
 
@@ -34,6 +38,14 @@ def test_a_failure_becomes_a_note_and_the_rest_goes_on():
         notes.attempt("c", lambda: (_ for _ in ()).throw(OSError(28, "the disk is full")), 0)
     # What an encoder of pictures raises is no error of the disk.
     assert notes.attempt("d", lambda: (_ for _ in ()).throw(OSError("broken data stream")), 0) == 0
+
+
+def test_a_chain_without_points_has_no_errors():
+    """Those stand still: where several things move, they may carry all that there is."""
+    none, nothing = np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)
+    points = SurfacePoints(nothing, nothing, np.zeros((0, 2), np.float32), none)
+    swept = reference.SweepReference(points, none, none, none, nothing)
+    assert evaluate.light_sweep(swept, SimpleNamespace(fit=SimpleNamespace(unit=1.0))) == []
 
 
 # Several at once, and each alone; a view that is not traced has no reference picture.

@@ -16,7 +16,7 @@ from lightwell.fields.base import query_inputs
 from lightwell.graph import evaluate
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, make_query
-from lightwell.transport.seen_shards import PATHS, RAYS
+from lightwell.transport.seen_shards import PATHS_OF_EACH, RAYS
 
 from .conftest import small
 
@@ -48,8 +48,9 @@ def test_the_report_has_its_keys(baked):
     assert REPORT_KEYS <= set(report)
     assert {"trace", "train"} <= set(report["seconds"])
     assert all(math.isfinite(report[key]) for key in ("relative_error", "psnr_db", "ssim", "flip"))
-    # The rays that all shards gather from, and the paths of the samples of three shards.
-    assert report["paths"] == 8192 * RAYS + 3 * 32 * 128 * PATHS
+    # The rays that all shards gather from, and the paths of the samples of three shards: two for each of `--paths`.
+    own = report["settings"]["paths_per_sample"]
+    assert own == PATHS_OF_EACH * 8 and report["paths"] == 8192 * RAYS + 3 * 32 * 128 * own
 
 
 def test_the_asset_holds_the_field(baked):

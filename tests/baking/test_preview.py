@@ -14,13 +14,17 @@ from lightwell.asset.records import EXTENSION
 from lightwell.baking import preview as module
 from lightwell.baking.pipeline import bake
 from lightwell.baking.preview import Preview, PreviewScene
-from lightwell.fields.protocol import GoodEnough
+from lightwell.core.progress import Progress
+from lightwell.core.work import Work
+from lightwell.fields.protocol import GoodEnough, Job
+from lightwell.fields.registry import find_field
 from lightwell.fields.request import Request
 from lightwell.fields.surface.clock import Clock
+from lightwell.fields.surface.options import SurfaceOptions
 from lightwell.scenes import load
 from lightwell.scenes.default_light import under_sky
 from lightwell.serving.server import LocalServer
-from tests.transport.rooms import WHITE, box, build, diffuse
+from tests.transport.rooms import WHITE, box, build, diffuse, quad, room_walls
 
 from .conftest import small
 
@@ -80,8 +84,38 @@ def test_pause_holds_the_training_until_it_goes_on_and_good_enough_ends_it(page)
     preview.command("enough")
     with pytest.raises(GoodEnough):
         preview.evaluated("indirect", Learned(0.3))
+    # Also where nothing can be shown yet: light maps, and lamps with switches.
+    with pytest.raises(GoodEnough):
+        preview.waited()
     with pytest.raises(ValueError, match="choose one of pause, go on, enough"):
         preview.command("stop")
+
+
+class Enough:
+    """An observer who is content at the second look."""
+
+    def __init__(self):
+        self.looks = 0
+
+    def waited(self):
+        self.looks += 1
+        if self.looks > 1:
+            raise GoodEnough
+        return 0.0
+
+
+def test_lamps_with_switches_end_when_they_are_good_enough(tmp_path):
+    walls = [*room_walls(), quad("lamp", (-0.2, 1.9, -0.2), (0.4, 0, 0), (0, 0, 0.4))]
+    shine = {"type": "area", "radiance": {"type": "rgb", "value": [5.0] * 3}}
+    scene = build("lit", walls, [diffuse(WHITE)] * len(walls), [*[None] * (len(walls) - 1), shine])
+    request, looks = Request(shards=1, steps=4000, quality="draft", lamps=("all",)), Enough()
+    work = Work(small(tmp_path / "out"), scene.digest)
+    job = Job(scene, request, SurfaceOptions(), work, Progress(quiet=True), observer=looks)
+    field = find_field("factored")
+    state = field.prepare(job)
+    fit = field.fit(state, "static", field.sample(state, "static"))
+    # An evaluation every hundred steps.
+    assert looks.looks == 2 and fit.training.steps == 200 and fit.lower().graph.nbytes > 0
 
 
 def test_a_pause_is_left_out_of_the_clock():

@@ -103,7 +103,7 @@ def patches(scene, variable, role):
 def validation(scene, variable, role):
     validation_samples(scene, variable, 3, role == "static", points=64, lights=4)
     LightmapValidation.of(scene, variable, 3, role)
-    path_rate(scene, variable, 2, 3, role == "static")
+    path_rate(scene, variable, 3, role == "static")
 
 
 def seen(scene, variable, role):

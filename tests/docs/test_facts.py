@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import lightwell
+from lightwell.asset.records import VERSION_WITH_LAMPS_OR_SKY
 from lightwell.cache.settings import OPTIONS
 from lightwell.cli.interrupts import INTERRUPTED
 from lightwell.cli.main import USAGE_ERROR, VERBS, verb_parser
@@ -76,7 +77,11 @@ def _table(text: str, columns: int) -> list[list[str]]:
 
 def test_versions_of_formats():
     rows = {row[0]: row[1] for row in _table((DOCS / "reference/versions.md").read_text(), 3)[1:]}
-    assert rows == {name: str(import_module(module).VERSION) for name, module in FORMATS.items()}
+    versions = {name: str(import_module(module).VERSION) for name, module in FORMATS.items()}
+    extension = "`LIGHTWELL_neural_radiance`, the glTF extension"
+    what = "lamps, a sky, nodes, clips, probes or an environment that turns"
+    versions[extension] += f", or {VERSION_WITH_LAMPS_OR_SKY} with {what}"
+    assert rows == versions
     for page, name in (("PROBES", "probe volume, `.lwp`"), ("LENS", "library of spreadlets, `.lwsp`")):
         assert f"\nVersion {rows[name]}." in (ROOT / f"format/{page}.md").read_text()
 

@@ -7,14 +7,27 @@ import numpy as np
 import pytest
 
 from lightwell.api import bake
+from lightwell.backend import mi
+from lightwell.baking.settings import BakeSettings
 from lightwell.core.formats import ARRAYS
-from lightwell.core.work import store_of
+from lightwell.core.progress import Progress
+from lightwell.core.work import Work, store_of
+from lightwell.fields.base import WHITE
+from lightwell.fields.no_options import NoOptions
+from lightwell.fields.protocol import Job
+from lightwell.fields.request import Request
 from lightwell.fields.surface.edit_state import EditState, edit_key, kept_rows
+from lightwell.fields.surface.edits import EditedScene, edited_samples
 from lightwell.scenes import load
+from lightwell.scenes.assemble import assemble
 from lightwell.scenes.parts import ScenePart, scene_changes, scene_parts
+from lightwell.scenes.variables import default_variable, sun_arc
 from lightwell.transport.noticed import crosses, noticed
+from lightwell.transport.queries import make_query
 from lightwell.transport.samples import Query, Samples, SurfacePoints
+from lightwell.transport.surface import draw_surface
 from tests.plain_glb import write_plain
+from tests.transport import rooms
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +77,68 @@ def test_points_near_a_change_notice_it_and_points_behind_a_wall_do_not(cornell)
     inside = np.tile(middle - [0, 0.6, 0], (64, 1))
     outside = np.tile(low - 1.0, (64, 1))
     up = np.tile([0.0, 1.0, 0.0], (64, 1))
-    found = [noticed(cornell, place, up, None, box, box[:0], 1).mean() for place in (inside, outside)]
+    found = [noticed(cornell, place, up, box, box[:0], 1).mean() for place in (inside, outside)]
     assert found[0] > 0.5 and found[1] < 0.2
+
+
+def around(place, half):
+    """[1, 2, 3] a cube around a place."""
+    return np.array([[np.subtract(place, half), np.add(place, half)]])
+
+
+@pytest.mark.parametrize("kind", ["point", "area", "two of many"])
+def test_a_change_between_a_point_and_a_lamp_of_the_scene_is_noticed(kind):
+    floor = rooms.quad("floor", (-9, 0, -9), (0, 0, 18), (18, 0, 0))
+    meshes, area, emitters = [floor], [None], []
+    if kind == "area":
+        meshes.append(rooms.quad("lamp", (-0.05, 2, -0.05), (0.1, 0, 0), (0, 0, 0.1)))
+        area.append({"type": "area", "radiance": {"type": "rgb", "value": [9.0] * 3}})
+    else:
+        # Those that are far away bring little.
+        places = [[0, 2, 0], *([[8, 8, k] for k in range(20)] if kind != "point" else [])]
+        power = {"type": "rgb", "value": [1.0] * 3}
+        emitters = [mi.load_dict({"type": "point", "position": at, "intensity": power}) for at in places]
+    scene = rooms.build(kind, meshes, [rooms.diffuse(rooms.WHITE)] * len(meshes), area, emitters=emitters)
+    # Half way from the lamp to the first place; rays of chance rarely meet it.
+    box, up = around((0.5, 1, 0), 0.06), np.tile([0.0, 1.0, 0.0], (64, 1))
+    shaded, lit = (noticed(scene, np.tile([x, 0.0, 0.0], (64, 1)), up, box, box[:0], 1).mean() for x in (1, -1))
+    assert shaded > 0.9 and lit < 0.2
+
+
+def test_a_change_between_the_sun_and_what_a_point_sees_is_noticed():
+    # Under a roof, before a wall that the sun lights.
+    parts = [
+        rooms.quad("floor", (-1, 0, -1), (0, 0, 2), (2, 0, 0)),
+        rooms.quad("back", (-1, 0, -1), (2, 0, 0), (0, 2, 0)),
+        rooms.quad("roof", (-1, 1, -0.6), (2, 0, 0), (0, 0, 1.6)),
+    ]
+    scene = rooms.build("porch", parts, [rooms.diffuse(rooms.WHITE)] * 3)
+    box = np.array([[[-1, 3, -1.1], [1, 3.2, -0.9]]])
+    place, up = np.tile([0.0, 0.0, 0.5], (64, 1)), np.tile([0.0, 1.0, 0.0], (64, 1))
+
+    def share(sun):
+        light = {"variable": sun_arc(90, 20, 270, 20), "light": np.tile(np.float32(sun), (64, 1))}
+        return noticed(scene, place, up, box, box[:0], 1, **light).mean()
+
+    assert share((0, 1, 0)) > 0.5 and share((0, 0, 1)) == 0
+
+
+def test_what_is_traced_again_of_own_light_has_the_limits_of_a_bake(tmp_path, cornell):
+    shining = [replace(m, emissive=(8.0, 8.0, 8.0)) for m in cornell.materials]
+    lit = assemble("lit", cornell.meshes, shining, digest="lit")
+    points = draw_surface(lit, 64, 1, floor=1).points
+    dark = np.zeros((2, 64, 3), np.float32)
+    kept = Samples(make_query(lit, points, np.zeros(3)), *dark, np.ones(64, np.float32), points.shape)
+    # As if all had been much darker.
+    facts = {"seed": 1, "paths": 640, "setup": {"unit": 1e-4}}
+    before, parts = EditState(kept, points, {}, [], facts), scene_parts(lit)
+    moved = replace(parts[-1], low=tuple(lit.bounds[0]), high=tuple(lit.bounds[1]), digest="other")
+    settings = BakeSettings(scene="cornell", out=tmp_path / "out")
+    job = Job(lit, Request(), NoOptions(), Work(settings, lit.digest), Progress(quiet=True))
+    changes = scene_changes(parts, [*parts[:-1], moved])
+    state = EditedScene(job, lit, default_variable(lit), ("static",), before={"static": before}, changes=changes)
+    made = edited_samples(state, "static").samples
+    assert state.touched["static"].any() and 0 < made.half_a.max() <= WHITE * 1e-4
 
 
 def test_a_kept_state_is_read_as_it_was(tmp_path):

@@ -9,8 +9,10 @@ from scipy.ndimage import distance_transform_edt
 from lightwell.fields.base import FieldSetup, query_inputs
 from lightwell.fields.lightmap.atlas_images import denoised, dilated, push_pull
 from lightwell.fields.lightmap.curve import SOFT, stored
+from lightwell.fields.lightmap.field import EYE_SHARE, TEXEL_SHARE, role_part
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.nodes import BOX_MARGIN, INPUTS, MapNodes
+from lightwell.fields.protocol import GoodEnough
 from lightwell.graph import Builder, evaluate
 from lightwell.graph.pictures import BYTE, decoded, encode, minified, seen_from_afar
 from lightwell.transport.lightmap_query import LightmapQuery
@@ -226,6 +228,21 @@ def test_what_ships_is_what_was_trained(glossy):
     assert set(fit.pictures) == {"e", "f0"} and fit.pictures["f0"].mime == "image/webp"
 
 
+def test_a_training_that_is_good_enough_ends_as_what_is_stored():
+    preset = LightmapPreset(base="png", channels=3, share=0.25, hidden=(8,))
+    fit = LightmapFit(preset, SIZE, 2.0, encode(stored(ramp()), "png"), batch=1 << 9)
+    query, looks = queries(1 << 10), []
+
+    def enough(step: int) -> None:
+        looks.append(step)
+        raise GoodEnough
+
+    fit.train(query, np.full((len(query), 3), 0.2, np.float32), np.ones(len(query), np.float32), 40_000, enough)
+    # Fifty steps without quantisation, with rounding, and with the textures as they are stored.
+    assert looks == [50, 100, 150] and fit.history[-1][0] == 150
+    assert np.abs(radiance(fit, query) - fit.predict(query)).max() < 5e-3 * fit.unit
+
+
 def test_int8_weights_take_half_and_lose_little(glossy):
     fit, truth, _ = glossy
     query = queries(1024)
@@ -428,3 +445,12 @@ def test_strips_of_few_texels_show_no_noise():
     clean = denoised(np.repeat(noise * (chart >= 0)[..., None], 3, axis=2), chart, 4)
     assert clean[chart == 0].std() < 0.35 * noise[chart == 0].std()
     assert clean[chart == 0].mean() == pytest.approx(noise[chart == 0].mean(), rel=0.05)
+
+
+def test_two_roles_take_the_time_of_a_bake_once():
+    preset = PRESETS["default"]
+    assert role_part(("static",), preset) == role_part(("indirect",), preset) == 1
+    part, training = role_part(("static", "indirect"), preset), 1 - TEXEL_SHARE - EYE_SHARE
+    # The light that moves has no texels.
+    assert part * (TEXEL_SHARE + 2 * EYE_SHARE + 2 * training) == pytest.approx(1)
+    assert 0.5 < role_part(("static", "indirect"), replace(preset, base="")) < part

@@ -84,6 +84,28 @@ def test_early_stopping_keeps_the_best_weights(data):
     assert error(trainer.best) == pytest.approx(trainer.state.best_error)
 
 
+def test_a_training_that_ended_early_ends_there_when_it_is_resumed(data):
+    x, _ = data
+    noise = np.random.default_rng(5).exponential(1.0, (ROWS, 3)).astype(np.float32)
+    rows = TrainingSet.from_numpy(x, noise, np.ones(ROWS))
+    settings = TrainingSettings(batch=512, evaluate_every=5, patience=4)
+    whole, kept = _trainer(settings), []
+    error = _error(whole, x, noise[::-1].copy())
+    assert whole.fit(rows, error, 1000, 2000, checkpoint=lambda: kept.append(whole.arrays()))
+    assert whole.state.stopped == 1000 > whole.state.step
+    resumed = _trainer(settings)
+    restore(resumed, kept[-1])
+    assert resumed.fit(rows, error, 1000, 2000) and resumed.state == whole.state
+    assert all((whole.parameters[k] == resumed.parameters[k]).all() for k in whole.parameters)
+    # The next stage goes on from there, in both.
+    for trainer in (whole, resumed):
+        trainer.fit(rows, error, 2000, 2000)
+    assert resumed.state == whole.state and whole.state.history[-1][0] > kept[-1]["step"][0]
+    assert all((whole.best[k] == resumed.best[k]).all() for k in whole.best)
+    with pytest.raises(ValueError, match="'stopped' is not a count"):
+        restore(_trainer(settings), kept[-1] | {"stopped": np.array(-1)})
+
+
 def test_a_poisoned_row_does_not_reach_the_weights(data):
     x, y = data
     y = y.copy()

@@ -7,7 +7,8 @@ import pytest
 
 from lightwell.probes.gathered import air_ends, bin_light, gathered_light, gathers
 from lightwell.probes.low_rank import LowRank
-from lightwell.probes.state_light import light_of_states
+from lightwell.probes.samples import ProbeSampling, sample_light
+from lightwell.probes.state_light import light_of_states, points_at_once
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
 from lightwell.scenes.placing import sample_lights
@@ -64,6 +65,20 @@ def test_a_point_is_gathered_alike_alone_and_among_others(box):
     whole = gathered_light(scene, POINTS, 32, 3, numbers=NUMBERS, **more)
     alone = gathered_light(scene, POINTS[3:4], 32, 3, numbers=NUMBERS[3:4], **more)
     assert np.array_equal(whole[:, :, 3:4], alone)
+
+
+def test_points_that_are_traced_in_parts_have_the_same_light(box):
+    scene, variable = box
+    lights = sample_lights(scene, variable, 5, 2)
+    place = np.random.default_rng(0).uniform((-0.8, 0.2, -0.8), (0.8, 1.8, 0.8), (40, 3))
+    # Cells of one to ten points, in no order; with so few rays, some get more.
+    cell = np.random.default_rng(1).permutation(np.repeat(np.arange(6), [1, 10, 9, 8, 7, 5]))
+    given = (scene, place, np.arange(40), cell, ProbeSampling(paths=16, most=4), 3, variable, lights)
+    light, noise = sample_light(*given)
+    # So many bytes as five points have: no cell of more than that is divided.
+    found = sample_light(*given, at_once=5 * 2 * len(lights) * 27 * 4)
+    assert np.array_equal(found[0], light) and np.array_equal(found[1], noise)
+    assert points_at_once(lights, 5 * 2 * len(lights) * 27 * 4) == 5 and points_at_once(None, 1) == 1
 
 
 def test_the_last_bin_is_dark_and_the_halves_are_independent(box):

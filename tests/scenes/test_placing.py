@@ -13,6 +13,7 @@ from lightwell.scenes.free_air import even_directions, free_air, is_closed, tria
 from lightwell.scenes.placing import free_cells, held_out_lights, initial_light, sample_cameras, sample_lights
 from lightwell.scenes.scene import Camera, Material, Mesh
 from lightwell.scenes.variables import PointLight, default_variable, sun_arc
+from lightwell.scenes.viewpoints import view_directions
 
 
 @pytest.fixture(scope="module")
@@ -189,6 +190,41 @@ def test_cameras_stand_in_free_air_and_look_at_something(scenes, name):
     # Diverse: no two are nearly the same.
     apart = np.linalg.norm(eyes[:, None] - eyes, axis=-1) + np.linalg.norm(ahead[:, None] - ahead, axis=-1)
     assert (apart + np.eye(12) * 9)[...].min() > 0.05 * scene.extent
+
+
+def seen_part(scene, camera):
+    """Shares of a coarse picture that show a front face, and a back face."""
+    ways = view_directions(camera, 16, 10)
+    hit, back, _, _ = free_air(scene).trace(np.repeat([camera.position], len(ways), axis=0), ways)
+    return (hit & ~back).mean(), back.mean()
+
+
+# None has air within its bounds.
+LONE = {
+    "floor": [box((-4, -0.001, -4), (4, 0, 4), skip=("-x", "+x", "-y", "-z", "+z"))],
+    "wall": [box((-4, -4, -0.001), (4, 4, 0), skip=("-x", "+x", "-y", "+y", "-z"))],
+    "solid": [box((-1, -1, -1), (1, 1, 1))],
+}
+
+
+@pytest.mark.parametrize("name", LONE)
+def test_a_scene_without_air_of_its_own_is_seen_from_around_it(name):
+    scene = world(*LONE[name])
+    sun = sun_arc(90, 20, 270, 20)
+    with pytest.raises(ValueError, match="no eye fits into the free air of scene 'test'; add a camera"):
+        sample_cameras(scene, sun, 4, seed=1, outside=False)
+    cameras = sample_cameras(scene, sun, 4, seed=1)
+    assert cameras == sample_cameras(scene, sun, 4, seed=1) and len(set(cameras)) == 4
+    for camera in cameras:
+        front, back = seen_part(scene, camera)
+        assert front > 0.1 and back == 0
+
+
+def test_a_scene_that_shows_only_backs_is_seen_from_afar():
+    """A ceiling alone, which faces down."""
+    scene = world(box((-4, -0.001, -4), (4, 0, 4), skip=("-x", "+x", "+y", "-z", "+z")))
+    cameras = sample_cameras(scene, sun_arc(90, 20, 270, 20), 2, seed=1)
+    assert all(seen_part(scene, camera)[0] > 0.05 for camera in cameras)
 
 
 def test_authored_cameras_come_first_when_wanted(scenes):

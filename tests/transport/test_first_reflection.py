@@ -78,6 +78,18 @@ def test_samples_beside_a_wall_are_right(cornell):
     assert error(found[rows]) < 0.5 * error(blurred[rows])
 
 
+def test_samples_have_the_paths_that_are_asked_for(cornell):
+    settings = [ShardSettings(paths=paths, lights=4, points_per_light=8) for paths in (4, 16, 64)]
+    sizes = [GatherSize.of(1, each, 2) for each in settings]
+    # The default of 16 is the default of the gather.
+    assert [size.paths for size in sizes] == [8, GatherSize(1, 1, 1).paths, 128]
+    for each, size in zip(settings, sizes):
+        shards = GatheredShards(cornell, LIGHT, each, replace(size, points=64, bins=32, lights=4))
+        (_, first), (_, second) = (shards(cornell, LIGHT, None, each, k) for k in (0, 1))
+        assert shards.paths == size.paths and second["paths"]["paths"] == size.paths * each.size
+        assert first["paths"]["paths"] == second["paths"]["paths"] + 64 * 2
+
+
 def test_no_bin_is_a_spot_of_light_because_of_few_paths():
     # A closed white room: what bins receive from each other is nearly even, however long the paths are.
     walls = [*rooms.room_walls(), rooms.quad("front", (-1, 0, 1), (0, 2, 0), (2, 0, 0))]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lightwell.backend import mi
 from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.scene import Scene
@@ -90,3 +91,14 @@ def test_glass_has_the_light_that_it_reflects():
     reference, found = 0.5 * (a + b), shares.radiance.sum(axis=1)
     np.testing.assert_allclose(found.mean(axis=0), reference.mean(axis=0), rtol=0.05)
     assert np.mean(np.abs(found - reference)) < 0.25 * reference.mean()
+
+
+def test_a_floor_that_sees_no_other_surface_has_the_light_of_its_lamp():
+    lamp = mi.load_dict({"type": "point", "position": [0, 1, 0], "intensity": {"type": "rgb", "value": [1, 1, 1]}})
+    scene = build("floor", [quad("floor", (-1, 0, -1), (0, 0, 2), (2, 0, 0))], [diffuse((0.5,) * 3)], emitters=[lamp])
+    points = draw_surface(scene, POINTS, 3, floor=1).points
+    groups = group_lamps(scene, parse_lamps(()))
+    found = LampLight(Radiosity(scene, points, 4, 64), groups, 5).shares(points, 16, 6).radiance[:, 0]
+    a, b = static(scene, points, 16, 7)
+    # The light of a point has no noise.
+    np.testing.assert_allclose(found, 0.5 * (a + b), rtol=1e-3, atol=1e-6)

@@ -12,6 +12,7 @@ from lightwell.scenes.sky import STEPS, Sky
 from lightwell.scenes.twilight import HORIZON
 from lightwell.scenes.variables import PointLight, Sun, declare, from_json, to_json
 from lightwell.transport import draw_surface, indirect
+from lightwell.transport.bins import PLACES
 from lightwell.transport.camera import total_image
 from lightwell.transport.day_light import day_light
 from lightwell.transport.gather_sums import DeviceRows, Gather
@@ -152,6 +153,30 @@ def test_a_plane_under_an_even_sky_has_a_closed_form():
     up = points.view[:, 1] > 0
     # L = albedo × radiance, and the level of the light is 2 π × radiance (no sun).
     assert 0.5 * (a + b)[up].mean() == pytest.approx(0.5 / (2 * np.pi), rel=0.01)
+
+
+def test_a_plane_alone_gathers_the_sky_and_nothing_else():
+    floor, sky = rooms.plane(0.5), flat_sky(2.0)
+    points = draw_surface(floor, 512, 1).points
+    # No ray meets a surface that a bin could be made of.
+    radiosity = Radiosity(floor, points, 0, 64)
+    rows = radiosity.rows(points, 64, 2, sky=True)
+    assert radiosity.bins.count > 0 and (rows.bin >= radiosity.bins.count).all()
+    gather = Gather(DeviceRows(rows), day_light(radiosity, sky, np.float32([sky.direction(0.5)]), 3).irradiance)
+    a, b = gather(np.arange(512), np.zeros(512, np.int64))
+    up = points.view[:, 1] > 0
+    assert 0.5 * (a + b)[up].mean() == pytest.approx(0.5 / (2 * np.pi), rel=0.02)
+
+
+def test_numbers_behind_the_bins_are_stored_whole():
+    floor = rooms.plane(0.5)
+    points = draw_surface(floor, 64, 1).points
+    radiosity = Radiosity(floor, points, 0, 64)
+    # As many as 16 bits count: the cells of the sky come after them.
+    many = (1 << 16) - 1
+    found = {name: np.resize(getattr(radiosity.bins, name), (many, PLACES, 3)) for name in ("place", "normal")}
+    radiosity.bins = replace(radiosity.bins, **found)
+    assert (radiosity.rows(points, 8, 2, sky=True).bin >= many).all()
 
 
 def test_a_picture_shows_the_sky_behind_everything(day):

@@ -62,6 +62,17 @@ def test_small_objects_get_their_floor():
     assert share == pytest.approx(6 * 0.02**2 / 20, rel=0.2)
 
 
+def test_a_lone_solid_is_no_room():
+    """Rays from within its bounds meet its inside alone."""
+    white, solid = rooms.diffuse(rooms.WHITE), {"type": "diffuse"}
+    scene = rooms.build("solid", [rooms.box("solid", (-1, -1, -1), (1, 1, 1))], [solid])
+    assert not room(scene) and len(draw_surface(scene, 64, 1).points) == 64
+    # A closed box that is seen from inside, and one with something in it.
+    assert room(rooms.furnace(0.5))
+    shell = rooms.box("shell", (-1, -1, -1), (1, 1, 1), inward=True)
+    assert room(rooms.build("shell", [shell, rooms.box("inner", (0, 0, 0), (0.2, 0.2, 0.2))], [white, solid]))
+
+
 @pytest.mark.parametrize("is_open", [False, True])
 def test_nothing_under_a_box_on_a_floor(is_open):
     low, high = (-0.3, 0, -0.3), (0.3, 0.6, 0.3)

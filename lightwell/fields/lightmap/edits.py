@@ -191,7 +191,7 @@ def _touched(scene: Scene, covered: Texels, changes: SceneChanges, seed: int) ->
     if len(changes.boxes):
         position, normal, _ = frames(scene, covered.points)
         normal = normal * np.where(dot(normal, covered.points.view) < 0, -1.0, 1.0)
-        touched |= noticed(scene, position, normal, None, changes.boxes, changes.lamps, seed, RAYS)
+        touched |= noticed(scene, position, normal, changes.boxes, changes.lamps, seed, RAYS)
     return touched
 
 

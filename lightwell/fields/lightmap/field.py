@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -46,8 +46,9 @@ from lightwell.scenes.variables import declare
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.texels import Texels, texel_points, texels
 
-# Shares of the budget: irradiance at texels, radiance towards views; the rest trains.
-TEXEL_SHARE, EYE_SHARE = 0.45, 0.3
+# Shares of the budget: irradiance at texels (in maps whose texels hold no light of their own), radiance towards views;
+# the rest trains. A light that moves has no texels.
+TEXEL_SHARE, BARE_TEXEL_SHARE, EYE_SHARE = 0.45, 0.02, 0.3
 # ... and, of what is left before both: the search for light on dark sides, and packing of the atlas.
 SIDES_SHARE, ATLAS_SHARE = 0.05, 0.15
 # Texels and paths that time the tracer; bounds of the paths per texel.
@@ -196,7 +197,7 @@ class LightmapField:
                 unit = sample_unit(samples, state.variable)
                 made = moving_fit(
                     state.scene, state.atlas, state.variable, samples, unit, seed, count, state.part,
-                    state.preset.codec,
+                    state.preset.codec, _watched(state),
                 )  # fmt: skip
                 stage.advance()
                 return FittedLightmap(state, role, made, state.eyes * EYE_PATHS, perf_counter() - start)
@@ -278,10 +279,12 @@ def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> t
     if request.shards:
         return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT, False
     own_light, first = "static" in state.roles, texels(scene, choice.first)
-    state.rate = path_rate(scene, state.variable, request.paths, request.seed, own_light).short
+    state.rate = path_rate(scene, state.variable, request.seed, own_light).short
     rate = _texel_rate(state, choice.first, first)
     seconds = learning_seconds(request.budget, state.job.work.elapsed)
-    share = TEXEL_SHARE if preset.base else 0.02
+    share = TEXEL_SHARE if preset.base else BARE_TEXEL_SHARE
+    # Each role takes its shares of a part of the time.
+    seconds *= role_part(state.roles, preset)
     count = len(first.index) + narrow_cost(first)
     paths, smaller = share * seconds * rate / count, False
     if paths * (LAMP_PATHS if state.lamps else 1) < limits.fewest_paths and choice.smaller:
@@ -291,6 +294,23 @@ def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> t
     eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
     eyes = int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
     return int(np.clip(paths, FEWEST_PATHS, MOST_PATHS)) // 2 * 2, eyes, smaller
+
+
+def role_part(roles: Sequence[Role], preset: LightmapPreset) -> float:
+    """Compute the part of the learning time that each role has, so that all of them together take the time once.
+
+    Args:
+        roles: Parts of the light that are learned.
+        preset: Settings of the light map.
+
+    Returns:
+        The part; 1 with one role.
+    """
+    if len(roles) < 2:
+        return 1.0
+    # A light that moves leaves the share of the texels.
+    moving = 1 - (TEXEL_SHARE if preset.base else BARE_TEXEL_SHARE)
+    return 1 / sum(1.0 if role == "static" else moving for role in roles)
 
 
 def _texel_rate(state: LightmapState, atlas: Atlas, covered: Texels) -> float:
@@ -324,8 +344,18 @@ def _steps(state: LightmapState) -> int:
     if request.steps:
         return request.steps << state.round
     # The number depends on the budget alone, so that it is the same on every machine.
-    seconds = learning_seconds(request.budget, 0.0) * 2**state.round
+    seconds = learning_seconds(request.budget, 0.0) * 2**state.round * role_part(state.roles, state.preset)
     return max(int((1 - TEXEL_SHARE - EYE_SHARE) * seconds / STEP_SECONDS), LEAST_STEPS)
+
+
+def _watched(state: LightmapState) -> Callable[[int], None] | None:
+    """What a training calls now and then where somebody looks, who may pause or end it."""
+    job = state.job
+
+    def wait(_: int) -> None:
+        job.wait()
+
+    return None if job.observer is None else wait
 
 
 def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
@@ -340,7 +370,8 @@ def _fit_still(state: LightmapState, samples: StillSamples) -> LightmapFit:
         preset = choose(limit, preset, made, samples.eyes, trial, say)
     steps = _steps(state) if preset.hidden else 0
     lamps = partial(map_of, state, samples) if samples.lamps is not None else None
-    fit = fitted(scene, made, samples.eyes, preset, seed, steps, part=state.part, size=state.size, lamps=lamps)
+    more = {"part": state.part, "size": state.size, "lamps": lamps}
+    fit = fitted(scene, made, samples.eyes, preset, seed, steps, _watched(state), **more)
     if preset.hidden and not fit.preset.hidden:
         say("the network was no better than none on held-out samples: the light map is plain")
     return fit

@@ -23,6 +23,7 @@ from lightwell.fields.lightmap.atlas_images import push_pull
 from lightwell.fields.lightmap.lamp_map import LampMap, lamp_rows
 from lightwell.fields.lightmap.nodes import MapNodes, row_graph
 from lightwell.fields.lightmap.stored_features import codec_error, feature_pictures, read_back
+from lightwell.fields.protocol import GoodEnough
 from lightwell.fields.tabulate import Tabulated
 from lightwell.files import Arrays, prefixed, under
 from lightwell.graph import Graph
@@ -240,7 +241,8 @@ class LightmapFit:
             radiance: [N, 3] radiance.
             weight: [N] importance weights; samples with weight 0 are left out.
             steps: Number of training steps.
-            progress: Called with the number of the step, every 50 steps.
+            progress: Called with the number of the step, every 50 steps; ``GoodEnough`` from it ends the phase, because
+                what follows makes the light map as it is stored.
             part: Part of the bake that stores a checkpoint per phase of quantisation; None: the training cannot be
                 resumed.
             shares: [N, K, 3] radiance of each group of lamps, where they have switches.
@@ -313,7 +315,7 @@ class LightmapFit:
         trainer.adopt(self.parameters, keep_moments=False)
         trainer.state.step = self.history[-1][0] if self.history else 0
         networks = [self._from_afar(m) for m in self.levels]
-        losses = []
+        losses, last = [], until
         while trainer.state.step < until:
             # Which level a step reads depends on (seed, step) alone, so that a resumed training repeats it.
             rng = np.random.default_rng((self.seed, 0xFA4, trainer.state.step))
@@ -322,12 +324,16 @@ class LightmapFit:
             losses.append(trainer.step(data[level], steps))
             if progress and trainer.state.step % 50 == 0:
                 dr.eval(losses[-1])
-                progress(trainer.state.step)
+                try:
+                    progress(trainer.state.step)
+                except GoodEnough:
+                    last = trainer.state.step
+                    break
         self.parameters = trainer.parameters
         loss = float(np.mean([x.numpy() for x in losses])) if losses else float("nan")
         if losses and not np.isfinite(loss):
             raise RuntimeError("train: the light map's loss is not finite; look for broken targets or train again")
-        self.history.append((until, loss))
+        self.history.append((last, loss))
 
     def _lay_out(self, rows: Any) -> None:
         """Store the features of the sine layers as a texture, in place of the layers."""

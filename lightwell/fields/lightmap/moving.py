@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -81,6 +81,7 @@ def moving_fit(
     steps: int,
     part: WorkPart | None = None,
     codec: str = "webp",
+    progress: Callable[[int], None] | None = None,
 ) -> LightmapFit:
     """Train the light map of a variable light.
 
@@ -94,6 +95,7 @@ def moving_fit(
         steps: Number of training steps.
         part: Part of the bake that stores checkpoints; None: the training cannot be resumed.
         codec: Codec of the features.
+        progress: Called with the number of the step, every 50 steps; see ``LightmapFit.train``.
 
     Returns:
         The trained light map.
@@ -101,5 +103,5 @@ def moving_fit(
     setup = FieldSetup.of(scene, unit, variable.kind)
     preset = replace(MOVING, codec=codec)
     fit = LightmapFit(preset, atlas.size, unit, seed=seed, mips=atlas.mips, setup=setup)
-    fit.train(samples.query, samples.radiance, samples.weight, steps, part=part)
+    fit.train(samples.query, samples.radiance, samples.weight, steps, progress, part)
     return fit

@@ -42,6 +42,8 @@ ROUND_PATHS = 1 << 24
 ROOMY, LIFTED = 0.02, 1e-4
 # Least cosine between the normals of triangles of a flat part.
 FLAT = 0.9
+# How far around a flat scene it is looked at from, in extents of its core.
+FLAT_AROUND = 0.5
 # Points of this search over the whole scene; each side gets two at least.
 LOOKS = 1 << 16
 # The same for sides that were not visible so far.
@@ -343,7 +345,8 @@ def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """Sample points in the free air, in the half of it that is farther from surfaces: as many in the part of the scene
-    that is looked at as in all of it, of which a room under a sky dome is nothing.
+    that is looked at as in all of it, of which a room under a sky dome is nothing. Those of a flat scene, which has no
+    air of its own, are around it.
 
     Args:
         scene: The scene.
@@ -359,6 +362,10 @@ def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
         places = low + (high - low) * rng.random((4096, 3))
         distance = air.distance(places)
         found.append(places[distance > np.quantile(distance, 0.5)].astype(np.float32))
+    if not any(map(len, found)):
+        around = FLAT_AROUND * scene.core_extent
+        places = scene.core[0] - around + (np.ptp(scene.core, axis=0) + 2 * around) * rng.random((4096, 3))
+        found.append(places.astype(np.float32))
     return np.concatenate(found)
 
 

@@ -102,7 +102,7 @@ class FittedLightmap:
     @property
     def traced(self) -> Traced:
         """Cost of the samples."""
-        return Traced(self.paths, 0, self.state.eyes, self.state.rate)
+        return Traced(self.paths, 0, self.state.eyes, self.state.rate, self.state.paths if self.chart else EYE_PATHS)
 
     @property
     def training(self) -> Training:

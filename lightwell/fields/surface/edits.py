@@ -18,7 +18,7 @@ import numpy as np
 from lightwell.core.formats import ARRAYS
 from lightwell.core.store import Store
 from lightwell.core.work import store_of
-from lightwell.fields.base import FieldSetup, Learner
+from lightwell.fields.base import FieldSetup, Learner, to_learn
 from lightwell.fields.protocol import Fit, Job, ReBake, Role, Shown, State, Traced, Training
 from lightwell.fields.surface.edit_state import EditState, edit_key, find_states, kept_rows, setup_json
 from lightwell.fields.surface.network_fit import NetworkFit
@@ -32,6 +32,7 @@ from lightwell.transport.noticed import noticed
 from lightwell.transport.queries import frames
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.samples import Samples, SurfacePoints, columns_of
+from lightwell.transport.seen_shards import without_spikes
 from lightwell.transport.stored_columns import stored_columns
 from lightwell.transport.surface import draw_surface
 
@@ -154,9 +155,12 @@ def edited_samples(state: EditedScene, role: Role) -> EditState:
     query, boxes = before.samples.query, changes.boxes if role == "static" else changes.solid
     touched = gone.copy()
     if len(boxes):
-        light = query.light if role == "indirect" and state.variable.kind == "point" else None
-        lamps = changes.lamps if role == "static" else changes.lamps[:0]
-        touched |= noticed(state.scene, query.position, query.normal, light, boxes, lamps, before.facts["seed"])
+        # Lamps of the scene do not shine where a declared light is learned.
+        own = role == "static"
+        lamps = changes.lamps if own else changes.lamps[:0]
+        variable, light = (None, None) if own else (state.variable, query.light)
+        seen = (state.scene, query.position, query.normal, boxes, lamps, before.facts["seed"])
+        touched |= noticed(*seen, variable=variable, light=light)
     points = replace_shapes(before.points, np.where(gone, 0, mesh))
     state.touched[role] = touched
     if not touched.any():
@@ -220,7 +224,20 @@ def _traced(state: EditedScene, role: Role, before: EditState, points: SurfacePo
             weight=before.samples.weight[rows], own_light=role == "static", report=report,
         )  # fmt: skip
         stage.advance()
-    return replace(before, points=points, samples=_overwritten(before.samples, rows, made, points.shape))
+    samples = _overwritten(before.samples, rows, made, points.shape)
+    if role == "static":
+        samples = _limited(before, samples, rows)
+    return replace(before, points=points, samples=samples)
+
+
+def _limited(before: EditState, samples: Samples, rows: np.ndarray) -> Samples:
+    """Samples of the scene's own light of which some rows have the limits that those of a full bake have.
+
+    Single paths that found a lamp by way of a glossy surface would be spots of light among the rows that were kept.
+    """
+    a, b = without_spikes(samples.half_a, samples.half_b, len(samples))
+    new = to_learn(replace(samples, half_a=a, half_b=b), "static", before.facts["setup"]["unit"])[rows]
+    return _overwritten(samples, rows, new, samples.shape)
 
 
 def _overwritten(samples: Samples, rows: np.ndarray, made: Samples, shape: np.ndarray) -> Samples:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.core.store import Store
+from lightwell.core.sun_path import DAY_EXAMPLE
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup, Learner
 from lightwell.fields.no_options import NoOptions
@@ -25,6 +26,7 @@ from lightwell.fields.surface.edits import (
     traced_facts,
 )
 from lightwell.fields.surface.network_fit import NetworkFit
+from lightwell.fields.surface.roles import light_declared
 from lightwell.fields.surface.training import SurfaceSamples, SurfaceTraining, surface_samples
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
@@ -135,18 +137,35 @@ class SurfaceField:
     def prepare(self, job: Job) -> State:
         """Find the variable light; a range without free air is refused.
 
+        A scene that has light of its own, and no air for a light that nobody has declared, such as a floor alone, keeps
+        its own.
+
         Args:
             job: Scene and settings.
 
         Returns:
             The prepared scene.
+
+        Raises:
+            ValueError: A declaration is wrong, or there is no free air for the light; one line.
         """
         if getattr(job.options, "rebake", None):
             return EditedScene.of(job, self.name)
         request = job.request
         variable = declare(request.vary, job.scene)
-        sample_lights(job.scene, variable, 1, request.seed)
         static = request.static and job.scene.has_static_light and not job.shared
+        try:
+            sample_lights(job.scene, variable, 1, request.seed)
+        except ValueError:
+            if light_declared(job):
+                raise
+            if not static:
+                raise ValueError(
+                    f"vary: scene '{job.scene.name}' has neither air for a light that moves nor light of its own; "
+                    f"declare one beside it, --vary light.position=box(x0,y0,z0,x1,y1,z1), or --vary {DAY_EXAMPLE}"
+                ) from None
+            told = f"scene '{job.scene.name}' has no air for a light that moves: only its own light is baked"
+            return State(job, job.scene, None, ("static",), [told])
         return State(job, job.scene, variable, ("indirect", "static") if static else ("indirect",))
 
     def sample(self, state: State, role: Role) -> SurfaceSamples | EditState:
@@ -184,7 +203,8 @@ class SurfaceField:
         training = SurfaceTraining(state.for_role(role), role, samples, self.starter(state, role), part)
         learner, traced = training.run(), training.traced
         keep = None
-        if isinstance(learner, NetworkFit) and not state.job.shared and not (state.scene.movers or state.more):
+        still = state.variable is not None and not (state.scene.movers or state.more)
+        if isinstance(learner, NetworkFit) and still and not state.job.shared:
             shards = samples.plan.shards
             keep = FirstState(state, role, self.name, samples.training, learner, shards, traced.paths)
         summary = training.summary(learner)

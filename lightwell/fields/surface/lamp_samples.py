@@ -139,8 +139,8 @@ def trace_lamps(state: State, make: Callable[[State, float], Tracer] | None = No
     mean = float(training.radiance.sum(axis=1).mean())
     if not mean > 0:
         raise ValueError("bake: none of the scene's own lamps lights any surface point; bake with --no-static")
-    paths = len(training.shape) * tracer.rays
-    return LampTraining(training, validation, UNIT_FACTOR * mean, begin["end"], Traced(paths, 0, len(training.shape)))
+    traced = Traced(len(training.shape) * tracer.rays, 0, len(training.shape), each=tracer.rays)
+    return LampTraining(training, validation, UNIT_FACTOR * mean, begin["end"], traced)
 
 
 def _begin(state: State) -> dict[str, float]:

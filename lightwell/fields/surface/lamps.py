@@ -6,6 +6,7 @@ groups, then green, then blue. The layers of the groups are added up by ``per_fr
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,7 @@ import numpy as np
 from lightwell.core.formats import ARRAYS, JSON
 from lightwell.fields.base import UNIT_FACTOR, FieldSetup, around_samples, usual_level
 from lightwell.fields.features import grid_point, local_features, open_builder
-from lightwell.fields.protocol import Lowered, State, Training
+from lightwell.fields.protocol import GoodEnough, Lowered, State, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.field import SurfaceFit
 from lightwell.fields.surface.lamp_samples import LampSamples, LampTraining
@@ -335,11 +336,13 @@ def fit_lamps(state: State, samples: LampTraining, kind: type[LampsFit] = LampsF
         def look(training: Any, _: int) -> None:
             clock.mark(training.step)
             stage.move_to(training.step, f"error {training.best_error:.1%}")
+            clock.skip(job.wait())
 
         def save() -> None:
             part.put(CHECKPOINT, {**learner.trainer.arrays(), CLOCK: clock.array()}, ARRAYS)
 
-        learner.train(steps, steps, look, checkpoint=save)
+        with contextlib.suppress(GoodEnough):
+            learner.train(steps, steps, look, checkpoint=save)
     curve = [(clock.at(step), error) for step, _, error in learner.state.history]
     plan = {"lamp_points": len(samples.training.shape), "lamp_steps": steps}
     training = Training(clock.seconds, learner.state.step, curve)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lightwell.core.vary import parse_vary
 from lightwell.fields.budget import learning_seconds
-from lightwell.fields.protocol import Role, State
+from lightwell.fields.protocol import Job, Role, State
 from lightwell.scenes.variables import Variable, default_variable
 
 # Share of the budget that the static field gets when there is also a variable light.
@@ -69,3 +70,15 @@ def looked_from(state: State) -> Variable:
         The range.
     """
     return state.variable or default_variable(state.scene)
+
+
+def light_declared(job: Job) -> bool:
+    """Tell whether a light that varies was asked for, by the settings of a bake or by its scene.
+
+    Args:
+        job: Scene and settings.
+
+    Returns:
+        False where a point light may be anywhere because nothing else was said.
+    """
+    return any(d.learned and not d.moves for d in map(parse_vary, (*job.request.vary, *job.scene.vary)))

@@ -8,6 +8,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from lightwell.core.progress import ProgressStage
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
@@ -26,9 +28,9 @@ VALIDATION_POINTS, VALIDATION_LIGHTS, VALIDATION_PATHS = 4096, 64, 256
 VALIDATION_FLOOR = 8
 VALIDATION_DRAW = Derived[SurfaceDraw]("fields.validation_draw")
 
-# Points that the rate of the path tracer is measured on, paths of each that compile it first, and how much longer a
-# long launch is than a short one.
-TIMED_POINTS, FIRST_PATHS, LONGER = 4096, 2, 8
+# Points that the rate of the path tracer is measured on, paths of each that compile it first, those of a short launch,
+# and how much longer a long launch is than a short one.
+TIMED_POINTS, FIRST_PATHS, TIMED_PATHS, LONGER = 4096, 2, 16, 8
 
 # A shard that took fewer seconds than this was there already.
 ON_DISK = 0.01
@@ -112,7 +114,14 @@ def validation_samples(
     # All parts of the light have the same points.
     drawn = replace(lit, variable=looked or variable)
     draw = scene.cache.get(VALIDATION_DRAW, partial(drawn.draw, scene), (drawn.variable, points, seed))
-    light, recipe = lit.light_of(scene, points), lit.recipe(not own_light) if drawn == lit else None
+    recipe = lit.recipe(not own_light) if drawn == lit else None
+    try:
+        light = lit.light_of(scene, points)
+    except ValueError:
+        # The scene's own light needs no place for another one.
+        if not own_light:
+            raise
+        light, recipe = np.zeros((points, 3), np.float32), None
     options = {"weight": draw.weight, "own_light": own_light, "recipe": recipe}
     return collect(scene, variable, draw.points, light, VALIDATION_PATHS, seed, **options)
 
@@ -135,7 +144,6 @@ class PathRate:
 def path_rate(
     scene: Scene,
     variable: Variable | None,
-    paths: int,
     seed: int,
     own_light: bool = False,
     sustained: bool = False,
@@ -145,7 +153,6 @@ def path_rate(
     Args:
         scene: The scene.
         variable: Ranges of the light; None: ``own_light``.
-        paths: Paths per point of a short launch, even.
         seed: Seed of the bake.
         own_light: Whether the light is that of the scene's own emitters.
         sustained: Measure long launches too, in about a second; otherwise their rate is that of short ones.
@@ -167,9 +174,9 @@ def path_rate(
         return max(perf_counter() - start, 1e-6)
 
     seconds(FIRST_PATHS)
-    few = seconds(paths)
-    short = TIMED_POINTS * paths / few
+    few = seconds(TIMED_PATHS)
+    short = TIMED_POINTS * TIMED_PATHS / few
     if not sustained:
         return PathRate(short, short)
-    more = seconds(LONGER * paths)
-    return PathRate(short, max(TIMED_POINTS * (LONGER - 1) * paths / max(more - few, 1e-6), short))
+    more = seconds(LONGER * TIMED_PATHS)
+    return PathRate(short, max(TIMED_POINTS * (LONGER - 1) * TIMED_PATHS / max(more - few, 1e-6), short))

@@ -103,7 +103,7 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
     validation = _validation(state, role, start)
     light = None if role == "static" else state.variable
-    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained)
+    spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained, make.paths)
     unit = radiance_unit(traced.samples, light)
     return SurfaceSamples(to_learn(traced.samples, role, unit), validation, unit, plan, start.end, spent, make)
 
@@ -123,7 +123,7 @@ def _start_plan(state: State, role: Role) -> StartPlan:
     first = load_plan(work.part(role=state.roles[0]), StartPlan) if role != state.roles[0] else None
     if first:
         return replace(first, end=sum(learning_time(state, role)))
-    rate = path_rate(state.scene, state.variable, request.paths, request.seed, role == "static", not request.shards)
+    rate = path_rate(state.scene, state.variable, request.seed, role == "static", not request.shards)
     begin, seconds = learning_time(state, role)
     gathered, each = request.shards or plan_gather(seconds, rate.short, POINTS_PER_SHARD, RAYS[request.quality]), 0.0
     end = begin + seconds
@@ -308,16 +308,34 @@ class SurfaceTraining:
         request, step = self.state.job.request, learner.state.step
         if request.steps or request.shards or request.budget.error:
             return
-        cost = self._stepping / self._stepped if self._stepped else self._plan.seconds_per_step
 
         def make() -> LastPlan:
             left = self.samples.end - self.state.job.work.elapsed
             left -= self.samples.make.before_adaptive if self._sample_plan.adaptive_shards else 0.0
-            return plan_last(left, self._sample_plan, step, cost, self._preparing)
+            return plan_last(left, self._sample_plan, step, self._step_cost, self._preparing)
 
         last = kept_plan(self._part, LastPlan, make)
         self._sample_plan = replace(self._sample_plan, adaptive_shards=last.adaptive_shards)
         self._plan = replace(self._plan, steps=last.steps)
+
+    def _plan_rest(self, learner: Learner) -> None:
+        """Plan the steps after the adaptive stage anew where its shards are fixed and the steps are not: nothing has
+        told how long they take."""
+        request, step = self.state.job.request, learner.state.step
+        if request.steps or not request.shards or request.budget.error:
+            return
+
+        def make() -> LastPlan:
+            left = self.samples.end - self.state.job.work.elapsed
+            fixed = replace(self._sample_plan, adaptive_shards=0)
+            return plan_last(left, fixed, step, self._step_cost, 0.0)
+
+        self._plan = replace(self._plan, steps=kept_plan(self._part, LastPlan, make).steps)
+
+    @property
+    def _step_cost(self) -> float:
+        """Seconds of a step, measured in the training so far where there was one."""
+        return self._stepping / self._stepped if self._stepped else self._plan.seconds_per_step
 
     # ------------------------------------------------------------------ train
 
@@ -329,6 +347,7 @@ class SurfaceTraining:
         for _ in range(budget.rounds if budget.error else 1):
             if self._sample_plan.adaptive_shards:
                 learner.learn_from(join([self.samples.training, self._adaptive(learner)]))
+                self._plan_rest(learner)
             self._train(learner, self._plan.steps)
             if budget.error is None or learner.state.best_error <= budget.error:
                 return
@@ -363,6 +382,8 @@ class SurfaceTraining:
     def _within_time(self, learner: Learner) -> None:
         """Train to the planned steps, to the learner's own end, or until the time has run out."""
         steps, timed = self._plan.steps, not self.state.job.request.steps
+        if learner.state.stopped:
+            return  # It was resumed after early stopping had ended it.
         deadline = PATIENCE * self._seconds_left()
         place = max(-(-steps // PLACES), 1) if timed else steps
         with self.state.job.progress.stage(self._title, steps, "steps") as stage:
