@@ -141,8 +141,7 @@ def test_a_batch_opens_no_page_and_waits_for_no_save(tmp_path, monkeypatch):
     runs = Runs()
     monkeypatch.setattr("lightwell.cli.child.run_child", runs)
     Path("flats.toml").write_text(
-        "[bake]\npreview = true\nwatch = true\nport = 8000\nno-open = true\nseed = 3\n"
-        '[scenes.a]\nscene = "cornell"\n'
+        '[bake]\npreview = true\nwatch = true\nport = 8000\nno-open = true\nseed = 3\n[scenes.a]\nscene = "cornell"\n'
     )
     assert main(["batch", "flats.toml", "-o", "out"]) == 0
     assert runs.lines[0][5:] == ["--seed=3"]
