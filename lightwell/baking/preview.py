@@ -189,7 +189,7 @@ class Preview:
         self.publish("first light")
 
     def evaluated(self, role: Role, learner: Learner) -> float:
-        """Take note of an evaluation of the bake's own training; wait while it is paused.
+        """Take note of an evaluation of the bake's own training; wait while it is paused, as ``waited`` does.
 
         Args:
             role: Part of the light.
@@ -197,9 +197,6 @@ class Preview:
 
         Returns:
             Seconds of waiting.
-
-        Raises:
-            GoodEnough: The training is to end.
         """
         if self._note(role, learner) and self._clock() - self._published >= LEAST_SECONDS:
             self.publish("training")

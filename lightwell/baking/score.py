@@ -102,11 +102,8 @@ def score(
     balls = partial(moved_objects, state, reference.stage, ordered)
     moved: list[MovedObject] = notes.attempt("the pictures of what probes light", balls, [])
     paths = sum(s.fit.traced.paths for s in shipped)
-    of_poses = partial(_pose_facts, state, reference, ordered[0], points, budget, notes)
-    of_lights = partial(_light_facts, state, reference, ordered, points)
-    # All of them before the notes are listed.
-    told = facts_of(ordered) | notes.attempt("the errors by pose", of_poses, {})
-    told |= notes.attempt("the errors over the lights", of_lights, {})
+    # Both before the notes are listed.
+    told = facts_of(ordered) | _facts_of_states(state, reference, ordered, points, budget, notes)
     sweep = notes.attempt("the error along the path of the light", partial(_sweep, state, reference, first), {})
     return ReportData(
         scene=state.scene.name,
@@ -139,6 +136,21 @@ def _sweep(state: State, reference: Reference, first: Shipped) -> dict[str, Any]
         "sweep": [] if reference.sweep is None else evaluate.light_sweep(reference.sweep, first, variable, mover),
         "sweep_axis": axis_of(variable) if mover is None else axis_of_mover(mover),
     }
+
+
+def _facts_of_states(
+    state: State,
+    reference: Reference,
+    ordered: Sequence[Shipped],
+    points: Mapping[str, PointComparison],
+    budget: ReferenceBudget,
+    notes: LateNotes,
+) -> dict[str, Any]:
+    """Errors by pose and over the lights, without those that cannot be computed."""
+    of_poses = partial(_pose_facts, state, reference, ordered[0], points, budget, notes)
+    of_lights = partial(_light_facts, state, reference, ordered, points)
+    found: dict[str, Any] = notes.attempt("the errors by pose", of_poses, {})
+    return found | notes.attempt("the errors over the lights", of_lights, {})
 
 
 def _pose_facts(

@@ -105,11 +105,10 @@ class Job:
     def wait(self) -> float:
         """Wait while the observer pauses the training, which is left out of the time of the bake.
 
+        ``GoodEnough`` from the observer ends the training.
+
         Returns:
             Seconds of waiting.
-
-        Raises:
-            GoodEnough: The training is to end.
         """
         if self.observer is None:
             return 0.0

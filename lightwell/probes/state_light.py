@@ -15,8 +15,8 @@ from lightwell.scenes.variables import Variable
 
 # Fewer states of a light in one pose of a scene are path traced: bins cost more than they save.
 FEWEST_GATHERED = 3
-# Bytes of light that are traced at a time, about: 256 places of a light have 55 kB at a point. 24,000 points took 6.9 GB
-# at once, and take 1.7 GB in parts, of which 0.7 GB are the result, in the same time.
+# Bytes of light that are traced at a time, about: 256 places of a light have 55 kB at a point. 24,000 points took 6.9
+# GB at once, and take 1.7 GB in parts, of which 0.7 GB are the result, in the same time.
 AT_ONCE = 1 << 27
 
 

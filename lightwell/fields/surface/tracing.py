@@ -108,6 +108,9 @@ def validation_samples(
 
     Returns:
         The samples.
+
+    Raises:
+        ValueError: There is no free air for the light, and it is not that of the scene's own emitters.
     """
     seed += VALIDATION_SEED
     lit = LitPoints(variable, points, seed, VALIDATION_FLOOR, seen=True, **_training_lights(lights, seed, points))
