@@ -67,15 +67,8 @@ def assemble(
     found = list(warnings)
     warn = found.append
     kept = _kept(name, meshes, len(materials), warn)
-    factory, glowing = Bsdfs(list(materials), warn), AreaLights()
     description: dict[str, Any] = {"type": "scene"}
-    records: list[Mesh] = []
-    for number, mesh in kept:
-        own_bsdf = bsdfs[number] if bsdfs is not None else None
-        own_light = area_lights[number] if area_lights is not None else None
-        record, shape = _shape(mesh, materials[mesh.material], factory, glowing, own_bsdf, own_light)
-        description[f"mesh_{len(records):06d}"] = shape
-        records.append(record)
+    records = _add_shapes(description, kept, materials, bsdfs, area_lights, warn)
     _add_emitters(description, lights, environment, emitters, warn)
     built = mi.load_dict(description, optimize=False)
     index_of = {number: index for index, (number, _) in enumerate(kept)}
@@ -119,6 +112,25 @@ def _kept(
     if not kept:
         raise SceneError(f"scene '{name}': has no triangles; a scene needs at least one surface, export its meshes too")
     return kept
+
+
+def _add_shapes(
+    description: dict[str, Any],
+    kept: Sequence[tuple[int, Mesh]],
+    materials: Sequence[Material],
+    bsdfs: Sequence[Any] | None,
+    area_lights: Sequence[Any] | None,
+    warn: Callable[[str], None],
+) -> list[Mesh]:
+    """Add the Mitsuba mesh of each record; returns the records with their emission."""
+    factory, glowing, records = Bsdfs(list(materials), warn), AreaLights(), list[Mesh]()
+    for number, mesh in kept:
+        own_bsdf = bsdfs[number] if bsdfs is not None else None
+        own_light = area_lights[number] if area_lights is not None else None
+        record, shape = _shape(mesh, materials[mesh.material], factory, glowing, own_bsdf, own_light)
+        description[f"mesh_{len(records):06d}"] = shape
+        records.append(record)
+    return records
 
 
 def _shape(
