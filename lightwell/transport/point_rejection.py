@@ -30,7 +30,8 @@ TOUCHED_SHARE = 0.25
 # ... and for dim points (``covered``): more than in the corner of three walls.
 DIM_COVERED_SHARE = 0.875
 TOUCH = 1e-3
-# Surfaces nearer than this x extent lie in the same plane: a few rounding errors of single precision.
+# Surfaces nearer than this x the core's extent (far from the origin: x the coordinates) lie in the same plane: a few
+# rounding errors of single precision.
 SAME_PLANE = 3e-6
 # Surfaces that a parity ray passes at most.
 CROSSINGS = 32
@@ -310,7 +311,9 @@ def _inside(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray
     inside = (_leaving(scene.mi, lookup, volume, origin, n) > 0) & (_leaving(scene.mi, lookup, volume, origin, -n) > 0)
     shape = dr.gather(mi.UInt32, device.shape, row)
     triangle = dr.gather(mi.UInt32, device.triangle, row)
-    facing = _face_to_face(scene.mi, lookup, si.p, n, shape, triangle, dr.opaque(mi.Float, SAME_PLANE * scene.extent))
+    least, most = (dr.opaque(mi.Float, SAME_PLANE * size) for size in (scene.core_extent, scene.extent))
+    reach = dr.minimum(dr.maximum(least, SAME_PLANE * dr.max(dr.abs(si.p))), most)
+    facing = _face_to_face(scene.mi, lookup, si.p, n, shape, triangle, reach)
     dr.eval(inside, facing)
     return np.array(inside, bool).reshape(-1), np.array(facing, bool).reshape(-1)
 

@@ -10,6 +10,7 @@ from lightwell.scenes.free_air import free_air
 from lightwell.scenes.placing import sample_cameras
 from lightwell.scenes.variables import default_variable
 from lightwell.scenes.viewpoints import view_directions
+from lightwell.transport.surface import draw_surface
 from tests.transport.rooms import WHITE, box, build, diffuse
 
 GROUND = ((-1000, -1.0, -1000), (1000, 0.0, 1000))
@@ -62,3 +63,12 @@ def test_cameras_look_at_the_core(town):
 def test_rooms_and_places_without_wide_ground_are_their_own_core(boxes):
     scene = box_scene(boxes)
     assert np.array_equal(scene.core, scene.bounds)
+
+
+def test_thin_things_under_a_sky_are_lit():
+    """A pane of 4 mm is thin beside ground of kilometres, and a thing of its own beside a town."""
+    pane = ((2.0, 8.0, 2.0), (4.0, 8.004, 4.0))
+    scene = box_scene([GROUND, *TOWN, pane])
+    draw = draw_surface(scene, 4096, 1, floor=64, is_open=True)
+    area = draw.visible_area[len(TOWN) + 1]
+    assert area == pytest.approx(2 * 4 + 4 * 2 * 0.004, rel=0.05)
