@@ -103,10 +103,10 @@ def load(path: Path, integrator: NrcIntegrator, scene: Any) -> Progress:
             raise ValueError(f"version {about['version']} of the checkpoint, expected {VERSION}")
         _restore(cache, about, more)
         reservoirs = _reservoirs(under("reservoirs", more))
-        integrator.temporal.restore(under("temporal", more))
         progress = Progress(int(about["progress"]["frames"]), float(about["progress"]["exposure"]))
         if progress.frames < 1 or not progress.exposure > 0:
             raise ValueError("no finished frame")
+        integrator.temporal.restore(under("temporal", more))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise ValueError(f"{path}: holds no state of a sequence ({' '.join(str(error).split())[:100]})") from error
     integrator.cache, integrator.reservoirs.held = cache, reservoirs

@@ -155,6 +155,8 @@ class GuidedVertex:
     def survival(self, β: mi.Spectrum, first: mi.Float, depth: mi.UInt32) -> tuple[mi.Float, mi.Float]:
         """Compute the survival probability of Russian roulette from the expected contribution of the path.
 
+        Without an expectation, at mirrors for example, paths survive until they are ``LONG``: no path must be endless.
+
         Args:
             β: [N] throughput of the path.
             first: [N] contribution that was expected at the first vertex with data; 0: no such vertex yet.
@@ -165,7 +167,7 @@ class GuidedVertex:
         """
         worth = dr.max(β) * self.level
         most = dr.select(depth >= LONG, MOST, 1)
-        alive = dr.select(self.known & (first > 0), dr.clip(worth / first, LEAST, most), 1)
+        alive = dr.select(self.known & (first > 0), dr.clip(worth / first, LEAST, most), most)
         return alive, dr.select(self.known & (first == 0), worth, first)
 
 

@@ -113,8 +113,12 @@ class GuideTrial:
             Image blocks to be added to the film.
         """
         kept = [each.variance for each in self.held[self.image.guiding]]
-        reference = kept[-1] if kept else float("nan")
-        return [weighted(each.block, reference / each.variance) for kind in self.held.values() for each in kind]
+        # Noise of 0 says that the passes found no light, not that they are exact.
+        reference = kept[-1] if kept and kept[-1] > 0 else float("nan")
+        return [
+            weighted(each.block, reference / each.variance if each.variance > 0 else float("nan"))
+            for kind in self.held.values() for each in kind
+        ]  # fmt: skip
 
     def _begins(self) -> bool:
         """Render the plain passes; whether the guide has data and the still has time for ``ENOUGH`` samples."""

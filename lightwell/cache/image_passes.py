@@ -13,6 +13,7 @@ from lightwell.cache.guide_selector import ENOUGH, PARTS, PASSES, GuideSelector
 from lightwell.cache.guide_trial import GuideTrial, has_trial
 from lightwell.cache.image_state import ImageState, keeps_half, train_frame
 from lightwell.cache.radiance_cache import RadianceCache
+from lightwell.cache.sobol_sampler import GOLDEN
 
 # Smallest number of samples per pixel used for the limit of caustics.
 SPIKE_SAMPLES = 32
@@ -128,14 +129,18 @@ class ImagePasses:
         """
         image, estimator = self.image, self.settings.estimation.estimator
         two_level = estimator == "two-level" and image.caching
-        per_pass, trains = self._per_pass(), not image.still and self.learns
+        per_pass, trains = self._per_pass(), not image.still and self.learns and not image.cache.frozen
+        began, first = time.perf_counter(), 0.0
+        if two_level and trains:
+            # All passes and the second level must read the same predictions: train first, a frame for every sample.
+            trains, first = False, sum(self._train() for _ in range(image.spp))
         done, aside = self._trial() if has_trial(image) else (self._pilot(per_pass), 0)
         most, end = max(per_pass, LARGE_LAUNCH // self.pixels), image.began + self.settings.image.seconds
         limit = TimeLimit(per_pass, most, end, recorded=done > 0, pairs=self.half is not None)
         while done < image.spp or self.timed:
             start = time.perf_counter()
             block = limit.block(start, trains) if self.timed else min(per_pass, image.spp - done)
-            trained = self._train() if trains and not image.cache.frozen else None
+            trained = self._train() if trains else None
             self._add(done, block, "biased" if two_level else estimator)
             done += block
             if trained is not None and self.settings.training.budget == "auto":
@@ -149,7 +154,13 @@ class ImagePasses:
         image.rendered.samples = done + aside
         image.rendered.half = self._kept_half(done)
         developed = self.film.develop()
-        return developed + self._second_level(done) if two_level else developed
+        if two_level:
+            developed = developed + self._second_level(done)
+        if first > 0 and self.settings.training.budget == "auto":
+            dr.eval(developed)
+            dr.sync_thread()
+            image.cache.schedule.balance(first, time.perf_counter() - began)
+        return developed
 
     def _per_pass(self) -> int:
         """Samples per pixel of a pass."""
@@ -173,7 +184,9 @@ class ImagePasses:
     def _add(self, done: int, block: int, estimator: str) -> Any:
         """Add a pass to the film; returns its image block."""
         image = self.image
-        limit_caustics(image.cache, done + block if image.still else 0)
+        # 'two-level' reads biased passes, too, but adds their error: both must be without a limit.
+        limited = image.still and self.settings.estimation.estimator == "biased"
+        limit_caustics(image.cache, done + block if limited else 0)
         second = self.half is not None and self.turns % 2 == 1
         self.turns += 1
         # Parts of one sequence are not independent: the second half has another.
@@ -206,10 +219,14 @@ class ImagePasses:
         for guided in (False, True) * PASSES:
             start = time.perf_counter()
             image.guiding = guided
-            tensor = self._add(done, block, "biased").tensor()
-            dr.eval(tensor)
+            sums: Any = 0
+            # No launch is larger than those of the other passes: memory grows with it.
+            for part in range(0, block, per_pass):
+                tensor = self._add(done + part, min(per_pass, block - part), "biased").tensor()
+                dr.eval(tensor)
+                sums = sums + np.array(tensor)
             dr.sync_thread()
-            trial.add(guided, np.array(tensor), time.perf_counter() - start)
+            trial.add(guided, sums, time.perf_counter() - start)
             done += block
             if 0 < s.image.seconds < time.perf_counter() - image.began:
                 break
@@ -234,14 +251,19 @@ class ImagePasses:
         return len(trial.held[False]), len(trial.held[True])
 
     def _second_level(self, spp: int) -> mi.TensorXf:
-        """Estimate the error of the cache with full paths, one for every ``level_samples`` cheap ones."""
+        """Estimate the error of the cache with full paths, one for every ``level_samples`` cheap ones; 0 in alpha."""
         count = max(1, spp // self.settings.estimation.level_samples)
         self.film.clear()
         per_pass = max(1, frames.LAUNCH // self.pixels)
         for done in range(0, count, per_pass):
             block = min(per_pass, count - done)
-            self.film.put_block(self._pass(mixed_seed(self.image.seed), done, block, count, "difference"))
-        return self.film.develop()
+            put = self._pass(mixed_seed(self.image.seed), done, block, count, "difference")
+            self.film.put_block(put)
+        developed = self.film.develop()
+        factors = np.ones((1, 1, developed.shape[-1]), np.float32)
+        if put.channel_count() == 5:
+            factors[..., -1] = 0
+        return developed * mi.TensorXf(factors)
 
     def _pass(self, seed: int, done: int, block: int, spp: int, estimator: str) -> Any:
         """Render one pass as an image block."""
@@ -280,7 +302,8 @@ class ImagePasses:
             sampler = sensor.sampler().clone()
             sampler.set_sample_count(spp)
             sampler.set_samples_per_wavefront(block)
-            sampler.seed(seed + done, self.pixels * block)
+            # Images of successive seeds must not share passes.
+            sampler.seed((seed + done * GOLDEN) & 0xFFFFFFFF, self.pixels * block)
             return frames.sampled_rays(sensor, sampler, block)
         numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (done, block, seed)]
         return frames.sobol_rays(sensor, numbers, dr.arange(mi.UInt32, self.pixels * block))
@@ -295,4 +318,4 @@ def mixed_seed(seed: int) -> int:
     Returns:
         32-bit seed.
     """
-    return (seed * 0x9E3779B1 + 0x7F4A7C15) & 0xFFFFFFFF
+    return (seed * GOLDEN + 0x7F4A7C15) & 0xFFFFFFFF

@@ -222,20 +222,18 @@ class Learner:
         return stats
 
     def rescale(self, k: float) -> None:
-        """Multiply the network's output by a factor, exactly: the last layer is linear. Moments are scaled, too.
+        """Multiply the network's output by a factor, exactly: the last layer is linear. Moments and the copy follow.
 
         Args:
             k: Factor, > 0.
         """
-        last = self.model.last
-        for tensors_, factor in (
-            (self.values, k),
-            (self.average, k),
-            (self.moments[0], 1 / k),
-            (self.moments[1], 1 / k**2),
-        ):
-            tensors_[last] = mi.TensorXf(tensors_[last].array * dr.opaque(mi.Float, factor), tensors_[last].shape)
-            dr.eval(tensors_[last])
+        last, held = self.model.last, [(self.values, self.average, self.moments)]
+        if self.copy is not None:
+            held.append(self.copy)  # It may be restored after the change of scale.
+        for values, average, (first, second) in held:
+            for tensors_, factor in ((values, k), (average, k), (first, 1 / k), (second, 1 / k**2)):
+                tensors_[last] = mi.TensorXf(tensors_[last].array * dr.opaque(mi.Float, factor), tensors_[last].shape)
+                dr.eval(tensors_[last])
 
 
 @functools.lru_cache(maxsize=64)

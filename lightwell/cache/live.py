@@ -33,6 +33,8 @@ CURVE = 240
 FIRST_HIT_FRAMES, BAKED_SHARE = 16, 4
 # One frame of so many is trained on while the camera moves.
 MOVING_TRAINED = 4
+# Commands that may wait for a frame, the first of which compiles kernels.
+MOST_WAITING = 256
 # Seconds without a frame while a bake has the processor and nothing moves.
 YIELDED = 0.25
 
@@ -48,7 +50,7 @@ def first_view(loaded: Scene) -> tuple[Camera, Lamp | None]:
     """
     variable = declare((), loaded)
     camera = loaded.cameras[0] if loaded.cameras else sample_cameras(loaded, variable, 1, 0)[0]
-    if loaded.mi.emitters():
+    if loaded.has_static_light:
         return camera, None
     return camera, Lamp(initial_light(loaded, variable, camera), loaded.core_extent**2)
 
@@ -104,7 +106,7 @@ class LiveSession:
         self._refusal = ""
         self._first_hit: np.ndarray | None = None
         self._baked_at = 0
-        self._commands: deque[Command] = deque(maxlen=256)
+        self._commands: deque[Command] = deque()
         self._curve: deque[tuple[int, float]] = deque(maxlen=CURVE)
         self._milliseconds = {"train": 0.0, "picture": 0.0, "encode": 0.0}
 
@@ -117,7 +119,7 @@ class LiveSession:
             order: JSON object as text or as a mapping; ``parse_command`` raises ``ValueError`` for an invalid one.
 
         Raises:
-            ValueError: The command is invalid, or cannot be executed now.
+            ValueError: The command is invalid, cannot be executed now, or too many wait.
         """
         things = {t["index"] for t in self.live.things}
         command = parse_command(order, things, {m["index"] for m in self.live.materials})
@@ -125,6 +127,8 @@ class LiveSession:
             raise ValueError("live: nothing is baked yet; bake the scene first, or start with --cache-from")
         if command.do == "bake" and self._baker is None:
             raise ValueError("live: this session does not bake")
+        if len(self._commands) == MOST_WAITING:
+            raise ValueError(f"live: {MOST_WAITING} commands wait for the next frame; send this one again after it")
         self._commands.append(command)
 
     def obey(self) -> None:
@@ -213,10 +217,12 @@ class LiveSession:
         # has little weight. A frozen one would stay as it is, and its picture would begin anew for ever.
         if self.cache.schedule.eager and not self.cache.frozen:
             self.pictures["cache"].changed()
+        begun, trained = time.perf_counter(), 0.0
         with dr.suspend_grad():
             # While the camera moves, pictures come before training.
             if self._still or self.cache.schedule.eager or self.frames % MOVING_TRAINED == 0:
                 self._train()
+                trained = time.perf_counter() - begun
             start = time.perf_counter()
             image = self._image()
             self._took("picture", start)
@@ -224,6 +230,9 @@ class LiveSession:
             if image is not None:
                 self.panel.publish(image, self.shown != "difference")
                 self._took("encode", start)
+        # A frame without a picture, at rest, leaves all of its time to training.
+        if self._settings.training.budget == "auto" and image is not None and trained > 0 and not self.cache.frozen:
+            self.cache.schedule.balance(trained, time.perf_counter() - begun)
         self.frames += 1
         self._still += 1
 
@@ -282,20 +291,23 @@ class LiveSession:
         Returns:
             Dictionary of JSON types.
         """
-        last = self.cache.history[-1] if self.cache.history else None
+        # Read once: the render thread replaces the cache where everything is forgotten.
+        cache = self.cache
+        history = cache.history
+        last = history[-1] if history else None
         picture = self.pictures.get(self.shown, self.pictures["cache"])
         bake = None if self.bake is None else self.bake.state()
         if self._refusal:
             bake = {"running": False, "seconds": 0.0, "line": "", "failed": self._refusal}
         return {
             "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self._still,
-            "shown": self.shown, "samples": picture.spp, "frozen": self.cache.frozen, "size": self._size,
+            "shown": self.shown, "samples": picture.spp, "frozen": cache.frozen, "size": self._size,
             "milliseconds": {k: round(v, 1) for k, v in self._milliseconds.items()},
             "curve": [list(p) for p in self._curve.copy()], "things": self.live.things,
             "materials": self.live.materials, "failure": self.failure,
             "records": last.records if last else 0, "dropped": last.dropped if last else 0,
-            "steps": self.cache.predictor.learner.step, "scale": float(np.nan_to_num(self.cache.predictor.scale.value)),
-            "changes": self.cache.changes, "bakes": self._baker is not None, "bake": bake,
+            "steps": cache.predictor.learner.step, "scale": float(np.nan_to_num(cache.predictor.scale.value)),
+            "changes": cache.changes, "bakes": self._baker is not None, "bake": bake,
             "baked": self.baked is not None,
             "bias": list(last.bias) if last and np.isfinite(last.bias).all() else None,
         }  # fmt: skip

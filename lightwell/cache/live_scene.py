@@ -39,14 +39,14 @@ class LiveScene:
             loaded: The scene; its shapes and materials are shared, and edited with this one.
             size: Edge of the sensor's square film, pixels.
             camera: Initial view; None: the scene's first camera, or else one outside of its core.
-            lamp: Point light to add; None: one is added only if the scene has no emitter.
+            lamp: Point light to add; None: one is added only if nothing in the scene shines.
         """
         self.name = loaded.name
         self.loaded = loaded
         low, high = loaded.core
         self.extent = loaded.core_extent
         """Length by which objects are moved, metres."""
-        if lamp is None and not loaded.mi.emitters():
+        if lamp is None and not loaded.has_static_light:
             lamp = Lamp((low + high) / 2 + np.array([0, 0.3 * (high - low)[1], 0]), self.extent**2)
         self.lamp = lamp
         """Point light that was added, as it is now; None: there is none."""

@@ -76,7 +76,9 @@ def material_table(scene: Any) -> CacheMaterialTable:
         Tables on the device.
     """
     bsdfs = {}
-    for shape in scene.shapes():
+    # The shapes of groups are not among those of the scene, but what instances show has their materials.
+    nested = [node for node in mi.traverse(scene).hierarchy if isinstance(node, mi.Shape)]
+    for shape in [*scene.shapes(), *nested]:
         bsdf = shape.bsdf()
         if bsdf is not None:
             number = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])

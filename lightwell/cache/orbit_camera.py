@@ -88,7 +88,8 @@ class OrbitCamera:
         side = np.cross(axis, offset)
         side /= max(np.linalg.norm(side), 1e-9)
         tilted = _turned(offset, side, -up)
-        if abs(tilted @ axis) < STEEPEST * np.linalg.norm(tilted):
+        # A camera that starts steeper may still be tilted towards the horizon.
+        if abs(tilted @ axis) < max(STEEPEST * np.linalg.norm(tilted), abs(offset @ axis)):
             offset = tilted
         distance = np.linalg.norm(offset) * np.exp(-np.clip(closer, -CLOSER, CLOSER))
         distance = np.clip(distance, self._extent / FARTHEST, self._extent * FARTHEST)

@@ -271,7 +271,7 @@ class CacheSettings:
         "'compact': hash grid and two layers of 32, for CPUs. 'paper': triangle wave and one-blob, five layers of 64.",
         choices=PRESETS,
     )
-    seed: int = option(0, "Seed of the initial weights.")
+    seed: int = option(0, "Seed of the initial weights.", least=0, most=(1 << 32) - 1)
 
     def __post_init__(self) -> None:
         """Refuse values outside the ranges that the options declare."""
@@ -293,6 +293,13 @@ class CacheSettings:
             # The paths of the second level are traced after the samples, and their number follows from them.
             raise ValueError(
                 "nrc: estimator=two-level keeps no time limit; leave out seconds, or set estimator=residual or guided"
+            )
+        alone = estimator == "biased" and self.guiding.guide != "always"
+        if self.estimation.first_hit == "restir-gi" and not alone:
+            # Reservoirs hold light of paths that end in the cache at the second surface, and that no guide directs.
+            given = f"estimator={estimator}" if estimator != "biased" else "guide=always"
+            raise ValueError(
+                f"nrc: first_hit=restir-gi has no {given}; leave out one of them, or set first_hit=restir-di"
             )
         biased = self.caching and estimator == "biased"
         if image.denoise_cache and not (image.denoise and biased and image.mode != "frames"):

@@ -8,7 +8,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.cache.features import Vertex
-from lightwell.cache.frames import Rays, evaluator, sobol_rays
+from lightwell.cache.frames import LAUNCH, Rays, evaluator, sobol_rays
 from lightwell.cache.path_context import PathContext
 from lightwell.cache.radiance_cache import RadianceCache
 from lightwell.cache.render_paths import render_path
@@ -61,9 +61,9 @@ def _image(values: mi.Color3f, sensor: Any, spp: int) -> np.ndarray:
     return np.array(values).T.reshape(height, width, spp, 3).mean(axis=2).astype(np.float32)
 
 
-def _rays(sensor: Any, spp: int, seed: int) -> Rays:
+def _rays(sensor: Any, spp: int, seed: int, first: int = 0) -> Rays:
     width, height = (int(x) for x in sensor.film().crop_size())
-    numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (0, spp, seed)]
+    numbers = [dr.opaque(mi.UInt32, x & 0xFFFFFFFF) for x in (first, spp, seed)]
     return sobol_rays(sensor, numbers, dr.arange(mi.UInt32, width * height * spp))
 
 
@@ -105,11 +105,21 @@ def view(scene: Any, sensor: Any, cache: RadianceCache, name: str, spp: int, see
     """
     if name in ("training", "tiles"):
         return _training(sensor, cache, name, seed)
-    rays = _rays(sensor, spp, seed)
+    width, height = (int(x) for x in sensor.film().crop_size())
+    # In parts, as pictures are: memory grows with the samples of a launch.
+    part, image = max(1, LAUNCH // (width * height)), np.zeros((height, width, 3), np.float32)
+    for first in range(0, spp, part):
+        count = min(part, spp - first)
+        image += _samples(scene, sensor, cache, name, (first, count, seed)) * np.float32(count / spp)
+    return _blocks(image) if name == "bias" else image
+
+
+def _samples(scene: Any, sensor: Any, cache: RadianceCache, name: str, numbers: tuple[int, int, int]) -> np.ndarray:
+    """Means [H, W, 3] of some samples per pixel: the first one, their number, and the seed."""
+    first, spp, seed = numbers
+    rays = _rays(sensor, spp, seed, first)
     ray, weight, _, sampler = rays
-    if name == "bias":
-        return _blocks(_image(_path_view(scene, cache, rays, name), sensor, spp))
-    if name in ("depth", "spread", "dropped", "cache-2"):
+    if name in ("depth", "spread", "dropped", "cache-2", "bias"):
         return _image(_path_view(scene, cache, rays, name), sensor, spp)
     v, found, β, L = first_vertex(scene, sampler, ray, cache.region.context)
     if name == "albedo":
@@ -121,7 +131,7 @@ def view(scene: Any, sensor: Any, cache: RadianceCache, name: str, spp: int, see
         raw = dr.select(found, β * cache.predictor.radiance(cache.predictor.packed("raw"), v), 0)
         return _image(raw - shown, sensor, spp)
     if name == "residual":
-        traced = _path_view(scene, cache, _rays(sensor, spp, seed), "image")
+        traced = _path_view(scene, cache, _rays(sensor, spp, seed, first), "image")
         return _image((L + shown) * weight, sensor, spp) - _image(traced, sensor, spp)
     raise ValueError(f"nrc: there is no view '{name}' here")
 

@@ -24,6 +24,8 @@ SMALLEST, LARGEST, SIZE = 16, 2048, 512
 OF_CACHE = ("size", "nrc", "cache_from")
 # Groups of options of the cache that are for pictures of `lightwell render`: the page has samples of its own.
 OF_PICTURES = ("estimation", "guiding", "image")
+# The same of single options.
+OF_STILLS = ("still_unbiased",)
 # Options of a bake that the page chooses, and those for somebody who looks at the bake itself.
 CHOSEN = (
     "out", "quality", "edits", "config", "json", "log", "resume", "preview", "watch", "port", "no_open",
@@ -102,7 +104,7 @@ def check_cache(cache: CacheSettings) -> None:
             "'Path tracing' on the page shows paths of any length"
         )
     for name, (group, field, _) in OPTIONS.items():
-        if group in OF_PICTURES and getattr(getattr(cache, group), name) != field.default:
+        if (group in OF_PICTURES or name in OF_STILLS) and getattr(getattr(cache, group), name) != field.default:
             raise ValueError(f"live: --nrc {name}=… is for 'lightwell render', the page ignores it; leave it out")
 
 

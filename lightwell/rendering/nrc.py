@@ -37,7 +37,7 @@ class Film:
         lamp = None
         if shot.light is not None or shot.intensity is not None:
             lamp = Lamp(shot.good_light, 1.0 if shot.intensity is None else shot.intensity)
-        elif not shot.scene.mi.emitters():
+        elif not shot.scene.has_static_light:
             # In free air, in front of the camera: the middle of the scene may lie in a wall.
             lamp = Lamp(shot.good_light, shot.scene.core_extent**2)
         self.live = LiveScene(shot.scene, 16, shot.camera, lamp)
@@ -103,8 +103,15 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
         cache: Settings of the radiance cache.
 
     Returns:
-        Facts about the picture; JSON values.
+        Facts about the picture; JSON values, None where a number is infinite or unknown.
+
+    Raises:
+        ValueError: The cache would start from a bake, but is not used.
     """
+    if settings.options.cache_from is not None and not cache.caching:
+        raise ValueError(
+            "render: with estimator=guided or termination_c=inf no path ends in a cache; leave out --cache-from"
+        )
     film = Film.checked(settings)
     integrator = NrcIntegrator(settings=cache)
     start = time.perf_counter()
@@ -120,11 +127,18 @@ def render_nrc(settings: RenderSettings, cache: CacheSettings) -> dict[str, Any]
     stats = [t for t in image.stats if t.steps]
     width, height = settings.size
     c = cache.paths.termination_c
-    return {
+    facts = {
         "scene": film.live.name, "width": width, "height": height, "spp": settings.spp, "integrator": "lightwell_nrc",
         "seconds": seconds, "training_seconds": image.seconds["train"],
         "training_steps": sum(t.steps for t in stats), "records_dropped": sum(t.dropped for t in image.stats),
         "termination_c": c, "termination_sdk_t": math.sqrt(c) / (4 * math.pi),
-        "loss": stats[-1].loss if stats else None, "bias": list(stats[-1].bias) if stats else None,
+        "loss": stats[-1].loss if stats else None,
+        "bias": [_finite(x) for x in stats[-1].bias] if stats else None,
         "mean_radiance": float(picture.mean()),
     }  # fmt: skip
+    return {name: _finite(value) for name, value in facts.items()}
+
+
+def _finite(value: Any) -> Any:
+    """A value as JSON knows it, which has no infinite numbers: None in place of one."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -5,7 +5,7 @@ import pytest
 
 from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
-from lightwell.cache.guide import BINS, FACES, SIDE, Guide, bin_of, direction_of, key_of
+from lightwell.cache.guide import BINS, FACES, SIDE, Guide, GuidedVertex, bin_of, direction_of, key_of
 from lightwell.cache.guide_table import LONGEST, GuideTable, on_device, tree_of
 
 from .scenes import SMALL, furnace, room
@@ -210,3 +210,9 @@ def test_the_guide_is_saved_and_hostile_ones_are_refused(tmp_path):
         np.savez(tmp_path / "bad.npz", **{**arrays, f"guide.{name}": wrong})
         with pytest.raises(ValueError, match="guide"):
             RadianceCache.load(tmp_path / "bad.npz")
+
+
+def test_no_path_is_endless_where_the_guide_knows_nothing():
+    mirror = GuidedVertex(mi.UInt32(0), mi.Float(0), mi.Float(0), mi.Float(0.5), mi.Bool(False))
+    alive = [float(mirror.survival(mi.Spectrum(1), mi.Float(0), mi.UInt32(depth))[0][0]) for depth in (1, 1000)]
+    assert alive[0] == 1 and 0 < alive[1] < 1

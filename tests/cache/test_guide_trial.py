@@ -99,3 +99,10 @@ def test_the_mean_of_a_still_with_a_bad_guide_is_the_path_tracer_s():
         theirs.append(np.array(mi.render(scene, integrator=path, spp=1024, seed=2000 + seed)).mean())
     spread = np.sqrt((np.var(ours, ddof=1) + np.var(theirs, ddof=1)) / len(ours))
     assert abs(np.mean(ours) - np.mean(theirs)) < 2.6 * spread
+
+
+def test_passes_that_found_no_light_are_kept():
+    made = film()
+    trial = GuideTrial(image := still(room(SIZE)), lambda guided, number: block(made, np.zeros((SIZE, SIZE))))
+    trial.run()
+    assert not image.guiding and len(trial.blocks()) == 2 * PASSES

@@ -1,12 +1,17 @@
 """Life of a cache: freeze, save, load, hostile files, changes, poison, views, errors."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from lightwell.backend import mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.change_detection import ChangeDetector
+from lightwell.cache.frames import LAUNCH
+from lightwell.cache.materials import material_table
 from lightwell.cache.settings import VIEWS
+from lightwell.cache.views import view
 
 from .scenes import SMALL, room, sensor
 
@@ -191,3 +196,29 @@ def test_emitters_are_read_again_where_the_light_has_changed():
     changed = np.abs(lamps_seen() - before).max(axis=1) > 0
     assert changed.sum() == 1
     assert np.allclose(lamps_seen()[changed, :3], [5, 6, 7])
+
+
+def test_materials_of_instances_are_in_the_table():
+    metal = {"type": "roughconductor", "material": "none"}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {"type": "rectangle"},
+            "group": {"type": "shapegroup", "ball": {"type": "sphere", "bsdf": metal}},
+            "copy": {"type": "instance", "group": {"type": "ref", "id": "group"}},
+            "sky": {"type": "constant"},
+        }
+    )
+    # The floor reflects a half, the metal all but what its microfacets hide.
+    assert material_table(scene).highest > 0.8
+
+
+def test_views_of_many_samples_take_the_memory_of_a_launch(trained):
+    scene, nrc = trained
+    film, spp = mi.load_dict(sensor(8)), 8 * LAUNCH // 64
+    tracemalloc.start()
+    try:
+        view(scene, film, nrc.cache, "albedo", spp, 0)
+        assert tracemalloc.get_traced_memory()[1] < 4 * 12 * LAUNCH  # 12 bytes per sample, and copies
+    finally:
+        tracemalloc.stop()

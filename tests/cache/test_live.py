@@ -148,6 +148,7 @@ def test_every_command_of_the_page_is_one():
         ("seconds=3", "--nrc seconds=…"),
         ("mode=still", "--nrc mode=…"),
         ("guide=true", "--nrc guide=…"),
+        ("still_unbiased=0.5", "--nrc still_unbiased=…"),
     ],
 )
 def test_options_that_the_page_would_ignore_are_refused(option, said):
@@ -183,6 +184,47 @@ def test_a_session_renders_obeys_and_goes_on():
         session.frame()
         assert session.panel.number == number + 1 and session.state()["shown"] == name
     json.dumps(session.state(), allow_nan=False)
+
+
+def test_an_automatic_budget_holds_for_the_page():
+    session = LiveSession("cornell", settings_of({**SMALL, "batch": 16, "steps": 64, "budget": "auto"}), 24)
+    for _ in range(16):
+        session.frame()
+    # Training takes far more of a frame of so small a picture than a quarter.
+    assert session.cache.schedule.steps < 60
+
+
+def test_commands_that_do_not_fit_into_the_queue_are_refused_not_dropped():
+    session = LiveSession("cornell", settings_of(SMALL), 24)
+    session.command({"do": "show", "picture": "path"})
+    with pytest.raises(ValueError, match="commands wait for the next frame"):
+        for _ in range(1000):
+            session.command({"do": "orbit", "x": 1e-4})
+    session.obey()
+    assert session.shown == "path"
+    session.command({"do": "orbit", "x": 1e-4})
+
+
+class Forgotten:
+    """A cache whose history another thread empties after it was looked at once."""
+
+    def __init__(self, cache):
+        self.cache, self.reads = cache, 0
+
+    def __getattr__(self, name):
+        return getattr(self.cache, name)
+
+    @property
+    def history(self):
+        self.reads += 1
+        return self.cache.history if self.reads == 1 else deque()
+
+
+def test_the_state_can_be_read_while_everything_is_forgotten():
+    session = LiveSession("cornell", settings_of(SMALL), 24)
+    session.frame()
+    session.cache = Forgotten(session.cache)
+    assert session.state()["records"] > 0
 
 
 def test_painted_walls_change_the_picture_and_the_material():

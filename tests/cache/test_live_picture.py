@@ -7,7 +7,9 @@ from lightwell.backend import dr, mi
 from lightwell.cache import RadianceCache, settings_of
 from lightwell.cache.live_picture import MOST, MOST_CHANGED, LivePicture
 from lightwell.cache.live_samples import LightHistory, frozen_history, frozen_surfaces, samples_of
+from lightwell.cache.orbit_camera import OrbitCamera
 from lightwell.cache.restir import world_to_film
+from lightwell.scenes.scene import Camera
 
 from .scenes import SMALL, furnace, room, sensor
 
@@ -143,3 +145,16 @@ def test_backs_of_one_sided_walls_are_looked_through(two_sided):
         picture.advance(scene, eye, cache, 1.0)
     seen = np.array(picture.image)
     assert seen.mean() < 1e-3 if two_sided else seen.mean() > 0.05, seen.mean()
+
+
+def test_a_camera_that_starts_steep_can_be_tilted_towards_the_horizon():
+    camera = OrbitCamera(Camera((0.0, 2.0, 0.1), (0.0, 0.0, 0.0)), np.full(3, -1.0), np.full(3, 1.0))
+    before = (camera.position - camera.target) / np.linalg.norm(camera.position - camera.target)
+    for _ in range(5):
+        camera.orbit(0, -0.02, 0)
+    after = (camera.position - camera.target) / np.linalg.norm(camera.position - camera.target)
+    assert after[1] < before[1] - 0.005
+    for _ in range(50):
+        camera.orbit(0, 0.02, 0)
+    up = (camera.position - camera.target) / np.linalg.norm(camera.position - camera.target)
+    assert up[1] < 0.9999  # not over the pole

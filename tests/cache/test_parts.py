@@ -105,6 +105,12 @@ def test_a_change_of_scale_changes_no_radiance():
     learner.rescale(8.0)
     after = np.array(learner.model.radiance(learner.model.packed(learner.values), v, RadianceScaling(mi.Float(1 / 8))))
     assert np.allclose(before, after, rtol=1e-5)
+    learner.keep()
+    learner.rescale(4.0)
+    assert learner.restore()
+    unscale = RadianceScaling(mi.Float(1 / 32))
+    restored = np.array(learner.model.radiance(learner.model.packed(learner.values), v, unscale))
+    assert np.allclose(before, restored, rtol=1e-5)
 
 
 def test_the_scale_waits_eight_frames_and_is_a_power_of_two():
@@ -136,6 +142,8 @@ def test_settings_say_what_is_wrong():
         settings_of({"preset": "big"})
     with pytest.raises(ValueError, match="max_depth = 0"):
         settings_of({"max_depth": 0})
+    with pytest.raises(ValueError, match="seed = -1"):
+        settings_of({"seed": -1})
     with pytest.raises(ValueError, match="tail_attenuation = 2"):
         settings_of({"tail_attenuation": 2.0})
     shipped = settings_of({})  # what the ladder's last rungs take away one at a time

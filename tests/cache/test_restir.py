@@ -85,3 +85,9 @@ def test_a_point_is_found_where_the_camera_saw_it():
     ray, _ = scene.sensors()[0].sample_ray(0.0, 0.0, mi.Point2f(0.3, 0.8), mi.Point2f(0.5))
     at = film @ scene.ray_intersect(ray).p
     assert np.allclose([float(at.x[0]), float(at.y[0])], [0.3, 0.8], atol=1e-4)
+
+
+@pytest.mark.parametrize("options", [{"estimator": "residual"}, {"estimator": "guided"}, {"guide": "always"}])
+def test_bounced_light_from_reservoirs_has_no_other_estimator(options):
+    with pytest.raises(ValueError, match=r"first_hit=restir-gi has no (estimator|guide)="):
+        settings_of({"first_hit": "restir-gi", **options})

@@ -34,11 +34,12 @@ def _bytes(folder):
     return {path.name: path.read_bytes() for path in sorted(folder.glob("frame-*.png"))}
 
 
-def _sequence(folder, frames, resume=False, progress=None, **options):
+def _sequence(folder, frames, resume=False, progress=None, intensity=None, **options):
     """Render in this process: steps of ten degrees, so that frames see the inside of the box."""
     degrees = 10.0 * frames
     settings = parse_options([*SMALL, *(f"{name}={value}" for name, value in options.items())])
     asked = {"integrator": "nrc", "options": {"frames": frames, "format": "png", "resume": resume}}
+    asked |= {"intensity": intensity}
     return render_sequence(RenderSettings("cornell", folder, (24, 16), 2, **asked), settings, degrees, progress)
 
 
@@ -110,6 +111,15 @@ def test_without_a_sound_checkpoint_a_sequence_begins_anew(tmp_path, caplog):
     (tmp_path / "damaged" / "frame-0000.png").unlink()
     assert _sequence(tmp_path / "damaged", 3, resume=True)["rendered"] == 3
     assert "frame-0000.png is missing" in caplog.text and _bytes(tmp_path / "damaged") == _bytes(whole)
+
+
+def test_a_sequence_that_begins_anew_keeps_the_exposure_of_its_lamp(tmp_path):
+    """Interrupted before its first checkpoint; with ``intensity`` no frame is exposed by itself."""
+    _sequence(tmp_path / "whole", 2, intensity=3.0)
+    with pytest.raises(KeyboardInterrupt):
+        _sequence(tmp_path / "cut", 2, progress=InterruptAt(0), intensity=3.0)
+    assert _sequence(tmp_path / "cut", 2, resume=True, intensity=3.0)["rendered"] == 2
+    assert _bytes(tmp_path / "cut") == _bytes(tmp_path / "whole")
 
 
 def test_frames_of_others_stay(tmp_path):

@@ -7,7 +7,7 @@ from lightwell.backend import dr, mi
 from lightwell.cache import NrcIntegrator, RadianceCache, settings_of
 from lightwell.cache.training_paths import TrainingRecords, resolve
 
-from .scenes import SMALL, furnace, room
+from .scenes import SMALL, furnace, room, sensor
 
 pytestmark = pytest.mark.gpu
 
@@ -98,3 +98,68 @@ def test_unbiased_estimators_agree_with_the_path_tracer_though_the_cache_is_wron
     biased.cache = wrong
     off = np.array(mi.render(scene, integrator=biased, spp=64, seed=5)).mean()
     assert abs(off - theirs.mean()) > 10 * theirs.std(ddof=1) / np.sqrt(len(means))  # the test can see a wrong cache
+
+
+def enclosed():
+    """A closed box whose lamp is in a glass ball: all light comes through glass."""
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": sensor(16, (0, 0, -0.9), (0, 0, 1), fov=75),
+            "walls": {"type": "cube", "flip_normals": True},
+            "glass": {"type": "sphere", "center": [0, 0.4, 0.3], "radius": 0.4, "bsdf": {"type": "dielectric"}},
+            "lamp": {
+                "type": "sphere",
+                "center": [0, 0.4, 0.3],
+                "radius": 0.3,
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": 8.0}},
+            },
+        }
+    )
+
+
+def test_no_caustic_is_dimmed_in_an_unbiased_still():
+    scene, path = enclosed(), mi.load_dict({"type": "path", "max_depth": -1})
+    cache = RadianceCache(settings_of({**SMALL, "estimator": "two-level"}))
+    cache.prepare(scene)
+    cache.predictor.scale.mean = 1e-3  # as of a scene that is dark where it was learned: a low limit of caustics
+    cache.freeze()
+    ours, theirs = [], []
+    for seed in range(12):
+        nrc = integrator(estimator="two-level", mode="still")
+        nrc.cache = cache
+        ours.append(np.array(mi.render(scene, integrator=nrc, spp=32, seed=seed)).mean())
+        theirs.append(np.array(mi.render(scene, integrator=path, spp=64, seed=1000 + seed)).mean())
+    z = (np.mean(ours) - np.mean(theirs)) / np.sqrt((np.var(ours, ddof=1) + np.var(theirs, ddof=1)) / 12)
+    assert abs(z) < 3.3  # 99.9 %
+
+
+def test_both_levels_read_one_cache_though_it_learns():
+    scene, path = room(16), mi.load_dict({"type": "path", "max_depth": -1})
+    ours, theirs = [], []
+    for seed in range(64):
+        # A high rate: predictions differ much from frame to frame.
+        nrc = integrator(estimator="two-level", mode="frames", learning_rate=0.1, seed=seed)
+        ours.append(np.array(mi.render(scene, integrator=nrc, spp=4, seed=seed)).mean())
+        theirs.append(np.array(mi.render(scene, integrator=path, spp=64, seed=1000 + seed)).mean())
+    z = (np.mean(ours) - np.mean(theirs)) / np.sqrt((np.var(ours, ddof=1) + np.var(theirs, ddof=1)) / 64)
+    assert abs(z) < 3.3  # 99.9 %
+
+
+def test_two_levels_keep_alpha():
+    scene, about = furnace(size=8), sensor(8, (0.3, 0, 0), (0.3, 0, 1))
+    about["film"]["pixel_format"] = "rgba"
+    two_level = integrator(estimator="two-level", mode="frames")
+    image = mi.render(scene, sensor=mi.load_dict(about), integrator=two_level, spp=2)
+    assert np.allclose(np.array(image)[..., 3], 1)
+
+
+def test_passes_of_successive_seeds_are_independent():
+    scene = room()
+
+    def image(seed: int) -> np.ndarray:
+        return np.array(mi.render(scene, integrator=integrator(mode="frames", sampling="sensor"), spp=2, seed=seed))
+
+    # Differences: without what all images have in common.
+    noise = [np.clip(image(seed) - image(seed + 10), -0.3, 0.3).ravel() for seed in (4, 5)]
+    assert abs(np.corrcoef(*noise)[0, 1]) < 0.25

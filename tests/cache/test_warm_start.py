@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,8 @@ from lightwell.cache.live_scene import Lamp, LiveScene
 from lightwell.cache.views import view
 from lightwell.cache.warm_start import BakedLight, check_light, scattered, warm_start
 from lightwell.graph import Builder
-from lightwell.rendering.settings import NrcOptions
+from lightwell.rendering.integrators import render
+from lightwell.rendering.settings import NrcOptions, RenderSettings
 from lightwell.scenes import load
 from lightwell.transport import sample_surface
 
@@ -75,3 +78,17 @@ def test_mistakes_in_the_option_are_told(tmp_path):
     (tmp_path / "scene.glb").write_bytes(b"")
     with pytest.raises(ValueError, match="--cache-from is for single pictures"):
         NrcOptions(cache_from=tmp_path / "scene.glb", frames=3)
+
+
+def test_a_bake_is_refused_where_no_path_ends_in_the_cache(tmp_path):
+    (tmp_path / "scene.glb").write_bytes(b"")
+    options = {"nrc": ("termination_c=inf",), "cache_from": tmp_path / "scene.glb"}
+    settings = RenderSettings("cornell", tmp_path / "a.exr", integrator="nrc", options=options)
+    with pytest.raises(ValueError, match="leave out --cache-from"):
+        render(settings)
+
+
+def test_facts_of_a_picture_are_json(tmp_path):
+    options = {"nrc": ("termination_c=inf",)}
+    settings = RenderSettings("cornell", tmp_path / "a.exr", size=(16, 16), spp=1, integrator="nrc", options=options)
+    assert json.loads(json.dumps(render(settings), allow_nan=False))["termination_c"] is None
