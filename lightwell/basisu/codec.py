@@ -132,6 +132,24 @@ def decode(data: bytes, level: int = 0) -> np.ndarray:
 
     Raises:
         ValueError: The file is broken, of another codec, or has no such level.
+        RuntimeError: mini-racer is missing.
+    """
+    return decode_with_alpha(data, level)[..., :3].copy()
+
+
+def decode_with_alpha(data: bytes, level: int = 0) -> np.ndarray:
+    """Decode a level of a KTX2 file with its alpha, as ``decode`` does without.
+
+    Args:
+        data: Bytes of the file.
+        level: Mip level, 0 for the largest.
+
+    Returns:
+        [H, W, 4] uint8; alpha is 255 where the file has none.
+
+    Raises:
+        ValueError: The file is broken, of another codec, or has no such level.
+        RuntimeError: mini-racer is missing.
     """
     size(data)
     with _LOCK:
@@ -149,7 +167,7 @@ def decode(data: bytes, level: int = 0) -> np.ndarray:
             raise ValueError(f"KTX2: {answer}; encode the picture again")
         width, height = map(int, answer.split())
         texels = np.frombuffer(bytes(engine.eval("texels.buffer")), np.uint8)
-    return texels.reshape(height, width, 4)[..., :3].copy()
+    return texels.reshape(height, width, 4)
 
 
 def _fill(engine: Any, name: str, data: bytes) -> None:

@@ -149,7 +149,8 @@ def _shape(
     if own_bsdf is None or factory is None:
         mirrored = mirrored_uv(mesh, uv)
         if factory is not None:
-            own_bsdf = factory(mesh.material, colors=colors is not None, alpha=alpha is not None, mirrored=mirrored)
+            flags = {"colors": colors is not None, "alpha": alpha is not None, "relief": uv is not None}
+            own_bsdf = factory(mesh.material, **flags, mirrored=mirrored)
         # Mitsuba generates coordinates for a mesh without any; viewers sample the texture at (0, 0).
         if uv is None and textures(material):
             uv = np.zeros((len(mesh.positions), 2), np.float32)

@@ -12,6 +12,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -73,14 +74,17 @@ class Bsdfs:
         # One Mitsuba texture per (image, layout, use).
         self._textures: dict[tuple[Any, ...], Any] = {}
 
-    def __call__(self, index: int, *, colors: bool, alpha: bool, mirrored: bool) -> Any:
+    def __call__(self, index: int, *, colors: bool, alpha: bool, relief: bool, mirrored: bool) -> Any:
         """Return the BSDF of material ``index`` for a mesh.
 
-        ``colors``, ``alpha``: the mesh has the attributes ``vertex_color``, ``vertex_alpha``; ``mirrored``: its texture
-        is mirrored.
+        ``colors``, ``alpha``: the mesh has the attributes ``vertex_color``, ``vertex_alpha``; ``relief``: it has
+        texture coordinates, without which a normal map has no directions; ``mirrored``: its texture is mirrored.
         """
         material = self._materials[index]
-        key = (index, colors, alpha, mirrored and material.normal_texture is not None)
+        if not relief:
+            material = replace(material, normal_texture=None)
+        relief = material.normal_texture is not None
+        key = (index, colors, alpha, relief, mirrored and relief)
         if key not in self._built:
             if not any(built[0] == index for built in self._built):
                 self._warn_of(material)

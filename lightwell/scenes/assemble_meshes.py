@@ -14,6 +14,8 @@ from lightwell.scenes.scene import Mesh
 
 # A triangle smaller than this fraction of the squared extent of the scene has no usable normal in single precision.
 SMALLEST_AREA = 1e-14
+# ... up to this extent, metres: under a dome of sky of 100 km the furniture's triangles would count as none.
+MOST_EXTENT = 1000.0
 # Meshes that a warning of lost triangles names.
 MOST_NAMED = 3
 
@@ -28,7 +30,7 @@ def clean(mesh: Mesh, extent: float) -> Mesh | None:
     Returns:
         The cleaned mesh, or None when no triangle is left.
     """
-    good = mesh.triangle_areas > SMALLEST_AREA * extent**2
+    good = mesh.triangle_areas > SMALLEST_AREA * min(extent, MOST_EXTENT) ** 2
     if not good.any():
         return None
     mesh = replace(mesh, indices=np.ascontiguousarray(mesh.indices[good]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lightwell.core.isolated import Arrays
-from lightwell.scenes.convert_files import Folder
+from lightwell.scenes.convert_files import Folder, as_png
 from lightwell.scenes.glb_writer import GlbWriter
 
 # Roughness of a material without a specular exponent.
@@ -52,6 +52,8 @@ def convert(request: Arrays) -> Arrays:
             _add(writer, str(name), mesh, folder, lost)
         else:
             lost.add(f"'{name}' has no triangles and is left out")
+    # trimesh goes on without them, and says nothing.
+    lost |= {f"file '{name[:60]}' is missing or outside of the scene's folder" for name in folder.missing if name}
     return {"glb": np.frombuffer(writer.encoded(), np.uint8), "lost": np.array(sorted(lost), dtype=str)}
 
 
@@ -68,10 +70,20 @@ def _add(writer: GlbWriter, name: str, mesh: Any, folder: Folder, lost: set[str]
         material = writer.material(_material(visual.material, writer, folder, lost))
     elif visual.kind == "vertex":
         attributes["COLOR_0"] = _linear(np.asarray(visual.vertex_colors)[:, :4] / 255)
-        material = writer.material(
-            {"name": name, "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": MATT}}
-        )
+        material = writer.material(_matt(name))
+    elif visual.kind == "face":
+        # Each triangle has corners of its own: glTF has no colours of faces.
+        attributes = {"POSITION": mesh.triangles.reshape(-1, 3)}
+        attributes["COLOR_0"] = _linear(np.repeat(np.asarray(visual.face_colors)[:, :4] / 255, 3, axis=0))
+        material = writer.material(_matt(name))
+        writer.mesh(name, attributes, np.arange(3 * len(mesh.faces)).reshape(-1, 3), material)
+        return
     writer.mesh(name, attributes, mesh.faces, material)
+
+
+def _matt(name: str) -> dict[str, Any]:
+    """A white matt material, for colours of vertices and faces."""
+    return {"name": name, "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": MATT}}
 
 
 def _linear(srgb: np.ndarray) -> np.ndarray:
@@ -94,9 +106,10 @@ def _material(source: Any, writer: GlbWriter, folder: Folder, lost: set[str]) ->
     }
     image = getattr(source, "image", None)
     if image is not None:
-        picture = folder.picture(str(image.info.get("file_path", "")))
+        # Other pictures than PNG and JPEG, and those of PLY files, have been opened by trimesh alone.
+        picture = folder.picture(str(image.info.get("file_path", ""))) or as_png(image)
         if picture is None:
-            lost.add(f"material '{name}': its picture is neither PNG nor JPEG and is left out")
+            lost.add(f"material '{name}': its picture cannot be read and is left out")
         else:
             # A map takes the place of the colour in most programs that write OBJ files.
             pbr |= {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,14 @@ def convert(request: Arrays) -> Arrays:
     reader = _Reader(
         writer, world, scale, Materials(writer, Folder(path.parent, int(request["most_bytes"])), lost), lost
     )
-    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
-        reader.add(prim)
+    prims = iter(Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies()))
+    for prim in prims:
+        if prim.IsA(UsdGeom.PointInstancer):
+            # What lies below it are prototypes, which it alone places.
+            prims.PruneChildren()
+            reader.add_instances(prim)
+        else:
+            reader.add(prim)
     return {"glb": np.frombuffer(writer.encoded(), np.uint8), "lost": np.array(sorted(lost), dtype=str)}
 
 
@@ -79,12 +86,7 @@ class _Reader:
 
     def add(self, prim: Any) -> None:
         """Add a primitive; what cannot be added is listed as lost."""
-        from pxr import UsdGeom
-
-        imageable = UsdGeom.Imageable(prim)
-        if imageable and (
-            imageable.ComputeVisibility() == "invisible" or imageable.ComputePurpose() in ("guide", "proxy")
-        ):
+        if not _is_shown(prim):
             return
         kind, name = str(prim.GetTypeName()), str(prim.GetPath())
         adders = {"Mesh": self._mesh, "Camera": self._camera, "SphereLight": self._lamp, "DistantLight": self._sun}
@@ -92,6 +94,42 @@ class _Reader:
             adders[kind](prim, name)
         elif kind not in SILENT:
             self._lost.add(f"{kind} '{name}' is left out")
+
+    def add_instances(self, prim: Any) -> None:
+        """Add the meshes that a point instancer places."""
+        from pxr import Usd, UsdGeom
+
+        if not _is_shown(prim):
+            return
+        kind, name, first = UsdGeom.PointInstancer, str(prim.GetPath()), Usd.TimeCode.EarliestTime()
+        instancer = kind(prim)
+        numbers = np.asarray(instancer.GetProtoIndicesAttr().Get(first) or [], np.int64)
+        steps = instancer.ComputeInstanceTransformsAtTime(first, first, kind.IncludeProtoXform, kind.IgnoreMask)
+        steps = np.asarray(steps or [], np.float64).reshape(-1, 4, 4)
+        mask = np.asarray(instancer.ComputeMaskAtTime(first) or np.ones(len(numbers)), bool)
+        if not len(numbers) == len(steps) == len(mask):
+            self._lost.add(f"PointInstancer '{name}' has no place for each instance and is left out")
+            return
+        for k, path in enumerate(instancer.GetPrototypesRel().GetForwardedTargets()):
+            places = [self._matrix(prim) @ step.T for step in steps[mask & (numbers == k)]]
+            root = prim.GetStage().GetPrimAtPath(path)
+            if root and places:
+                self._prototype(root, places)
+
+    def _prototype(self, root: Any, places: Sequence[np.ndarray]) -> None:
+        """Add the meshes of a prototype at the world matrices of its instances."""
+        from pxr import Usd
+
+        for prim in Usd.PrimRange(root, Usd.TraverseInstanceProxies()):
+            kind, name = str(prim.GetTypeName()), str(prim.GetPath())
+            if not _is_shown(prim):
+                continue
+            if kind == "Mesh":
+                # The matrix of the prototype itself is in those of its instances.
+                local, _ = self._cache.ComputeRelativeTransform(prim, root)
+                self._mesh(prim, name, np.array(local).T, places)
+            elif kind not in SILENT:
+                self._lost.add(f"{kind} '{name}' is left out")
 
     def _matrix(self, prim: Any) -> np.ndarray:
         """World matrix of column vectors, in metres with y up."""
@@ -104,7 +142,10 @@ class _Reader:
         matrix[:3, :3] /= np.where(lengths > 0, lengths, 1)
         return matrix
 
-    def _mesh(self, prim: Any, name: str) -> None:
+    def _mesh(
+        self, prim: Any, name: str, matrix: np.ndarray | None = None, places: Sequence[np.ndarray] | None = None
+    ) -> None:
+        """Add a mesh in world space, or by a matrix in the space of its instances."""
         from pxr import Usd, UsdGeom
 
         mesh, first = UsdGeom.Mesh(prim), Usd.TimeCode.EarliestTime()
@@ -119,7 +160,7 @@ class _Reader:
             raise ValueError(f"mesh '{name}': its faces name vertices that do not exist")
         if mesh.GetSubdivisionSchemeAttr().Get() not in (None, "none") and counts.max(initial=3) > 3:
             self._lost.add(f"mesh '{name}': its subdivision is ignored")
-        matrix = self._matrix(prim)
+        matrix = self._matrix(prim) if matrix is None else matrix
         flipped = (mesh.GetOrientationAttr().Get() == "leftHanded") != (np.linalg.det(matrix[:3, :3]) < 0)
         attributes = {"POSITION": (points @ matrix[:3, :3].T + matrix[:3, 3])[corners]}
         normals = _values(UsdGeom.PrimvarsAPI(prim).GetPrimvar("normals"), counts, corners, 3)
@@ -133,9 +174,14 @@ class _Reader:
                 uv = self._coordinates(prim, name, self._materials.coordinates.get(material), counts, corners)
                 if uv is not None:
                     attributes["TEXCOORD_0"] = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1)
+                colors = _colors(prim, counts, corners) if material in self._materials.painted else None
+                if colors is not None:
+                    attributes["COLOR_0"] = colors
                 used, indices = np.unique(triangles, return_inverse=True)
                 indices = indices.reshape(-1, 3)[:, ::-1] if flipped else indices.reshape(-1, 3)
-                self._writer.mesh(name, {key: values[used] for key, values in attributes.items()}, indices, material)
+                taken = {key: values[used] for key, values in attributes.items()}
+                self._writer.mesh(name, taken, indices, material, places)
+                attributes.pop("COLOR_0", None)
 
     def _coordinates(
         self, prim: Any, name: str, wanted: str | None, counts: np.ndarray, corners: np.ndarray
@@ -201,6 +247,15 @@ class _Reader:
         self._writer.light(entry, self._rigid(prim))
 
 
+def _is_shown(prim: Any) -> bool:
+    from pxr import UsdGeom
+
+    imageable = UsdGeom.Imageable(prim)
+    return not imageable or (
+        imageable.ComputeVisibility() != "invisible" and imageable.ComputePurpose() not in ("guide", "proxy")
+    )
+
+
 def _inside(indices: np.ndarray, count: int) -> bool:
     return bool(indices.min() >= 0 and indices.max() < count)
 
@@ -223,6 +278,14 @@ def _values(primvar: Any, counts: np.ndarray, corners: np.ndarray, width: int) -
         return None
     values = primvar.ComputeFlattened(Usd.TimeCode.EarliestTime())
     return _spread(np.asarray(values, float), str(primvar.GetInterpolation()), counts, corners, width)
+
+
+def _colors(prim: Any, counts: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
+    """[C, 3] linear display colour at every corner."""
+    from pxr import UsdGeom
+
+    colors = _values(UsdGeom.PrimvarsAPI(prim).FindPrimvarWithInheritance("displayColor"), counts, corners, 3)
+    return None if colors is None else colors.clip(0, 1)
 
 
 def _attribute(attribute: Any, interpolation: str, counts: np.ndarray, corners: np.ndarray) -> np.ndarray | None:

@@ -31,6 +31,8 @@ class Materials:
         self._made: dict[str, int] = {}
         self.coordinates: dict[int | None, str] = {}
         """Index of a material → name of the texture coordinates that its pictures are read at."""
+        self.painted: set[int | None] = set()
+        """Indices of materials that show the display colours of their meshes, which are not the same everywhere."""
 
     def parts(self, prim: Any, count: int) -> Iterator[tuple[int | None, np.ndarray]]:
         """Divide the faces of a mesh by material.
@@ -71,6 +73,13 @@ class Materials:
         colors = primvar.Get() if primvar and primvar.HasValue() else None
         if not colors:
             return None
+        if len(colors) > 1 and str(primvar.GetInterpolation()) != "constant":
+            if "displayColor" not in self._made:
+                pbr = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": 0}
+                white = {"name": "displayColor", "pbrMetallicRoughness": pbr}
+                self._made["displayColor"] = self._writer.material(white)
+                self.painted.add(self._made["displayColor"])
+            return self._made["displayColor"]
         key = f"displayColor {tuple(colors[0])}"
         if key not in self._made:
             pbr = {"baseColorFactor": [*np.clip(colors[0], 0, 1).tolist(), 1.0], "metallicFactor": 0}

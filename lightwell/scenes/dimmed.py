@@ -15,7 +15,9 @@ from lightwell.scenes.scene import Scene
 
 # Ends of the names of the parameters of emitters that say how bright they are.
 _BRIGHTNESS = ("radiance.value", "intensity.value", "irradiance.value")
-_PICTURES = ("radiance.data", "data")
+_PICTURES = ("radiance.data", "irradiance.data", "data")
+# ... and those of emitters whose colours are computed, ``sunsky``: numbers.
+_SCALES = ("sky_scale", "sun_scale")
 # May stand before the name of a lamp, as ``node:`` does before that of a node.
 LAMP_PREFIX = "lamp:"
 
@@ -72,6 +74,9 @@ def _scaled(emitter: Any, factor: np.ndarray) -> tuple[Any, dict[str, Any]]:
             before[key] = type(value)(value)
             # A grey spectrum has one number.
             parameters[key] = value * (mi.Color3f(*map(float, factor)) if len(value) == 3 else float(factor.mean()))
+        elif key in _SCALES:
+            before[key] = type(value)(value)
+            parameters[key] = value * float(factor.mean())
         elif key in _PICTURES:
             before[key] = type(value)(value)
             scale = np.ones(value.shape[-1], np.float32)

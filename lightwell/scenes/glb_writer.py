@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,14 +76,22 @@ class GlbWriter:
             self._use(name)
         return self._append("materials", entry)
 
-    def mesh(self, name: str, attributes: Mapping[str, np.ndarray], indices: np.ndarray, material: int | None) -> None:
-        """Add a mesh in world space.
+    def mesh(
+        self,
+        name: str,
+        attributes: Mapping[str, np.ndarray],
+        indices: np.ndarray,
+        material: int | None,
+        places: Sequence[np.ndarray] | None = None,
+    ) -> None:
+        """Add a mesh.
 
         Args:
             name: Its name.
             attributes: glTF attribute to [V, 2 … 4] numbers.
             indices: [T, 3] vertices of the triangles.
             material: Index of its material, or None.
+            places: [4, 4] world matrix of each of its instances; None: it is in world space.
         """
         primitive: dict[str, Any] = {
             "attributes": {key: self._accessor(values, FLOAT) for key, values in attributes.items()},
@@ -91,7 +99,11 @@ class GlbWriter:
         }
         if material is not None:
             primitive["material"] = material
-        self.node({"name": name, "mesh": self._append("meshes", {"name": name, "primitives": [primitive]})})
+        number = self._append("meshes", {"name": name, "primitives": [primitive]})
+        if places is None:
+            self.node({"name": name, "mesh": number})
+        for matrix in places or ():
+            self.node({"name": name, "mesh": number, "matrix": _columns(matrix)})
 
     def light(self, entry: Mapping[str, Any], matrix: np.ndarray) -> None:
         """Add a punctual light.

@@ -3,8 +3,8 @@
 Supported: the node tree, triangles (also strips and fans), sparse accessors, normalized integers and
 KHR_mesh_quantization, Draco and meshopt compression, metallic-roughness materials with the extensions listed in
 ``gltf_materials``, KHR_texture_transform, EXT_texture_webp, KHR_lights_punctual, perspective cameras and skins at rest.
-Ignored, with a warning: animations of nodes, morph targets, points and lines, orthographic cameras. A file that
-requires another extension is refused.
+Morph targets have their weights at rest. Ignored, with a warning: animations of nodes, points and lines, orthographic
+cameras. A file that requires another extension is refused.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from lightwell.scenes.assemble import assemble
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_clips import read_clip
 from lightwell.scenes.gltf_container import Document
-from lightwell.scenes.gltf_geometry import DRACO, Geometry
+from lightwell.scenes.gltf_geometry import DRACO, Geometry, morph_weights
 from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place, texts
 from lightwell.scenes.gltf_light_clips import POINTER, changes_nodes, clip_name, read_light_clips
 from lightwell.scenes.gltf_materials import READ, WITHOUT_MATERIAL, read_material
-from lightwell.scenes.gltf_nodes import PlacedNode, placed_nodes
+from lightwell.scenes.gltf_nodes import VISIBILITY, PlacedNode, placed_nodes
 from lightwell.scenes.gltf_placements import INSTANCING, Placement, placed_copies, placements
 from lightwell.scenes.gltf_rest import poses_for_flat_nodes
 from lightwell.scenes.gltf_skins import joint_matrices, skinned
@@ -46,11 +46,14 @@ KNOWN_EXTENSIONS = READ | {
     "KHR_texture_basisu",
     INSTANCING,
     POINTER,
+    VISIBILITY,
 }
 # Intensity of one colour above which a light counts as a mistake, cd or lx: a lighthouse has 1e7 cd, the sun 1.3e5 lx.
 MOST_INTENSITY = 1e10
 # Longest edges, metres, outside of which a warning says that a scene is large or small.
 LARGE, SMALL = 300.0, 0.1
+# Sine of the angle between a camera's axes below which they say no direction.
+LEAST_SINE = 1e-6
 # Extensions that do not affect light and are ignored without a warning.
 HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
 
@@ -188,7 +191,7 @@ class _Reader:
 
     def _add_meshes(self, placement: Placement) -> None:
         node, copies = placement.node, len(placement.matrices)
-        primitives, joints = self._geometry.mesh(placement.mesh), self._joints(node)
+        primitives, joints = self._geometry.mesh(placement.mesh, morph_weights(node.place)), self._joints(node)
         for i, primitive in enumerate(primitives):
             self.document.budget.check_time(node.place.what)
             name = placement.name if len(primitives) == 1 else f"{placement.name}.{i}"
@@ -250,7 +253,11 @@ class _Reader:
         if lens is None:
             self.warnings.append(f"camera '{node.name}': only perspective cameras are loaded")
             return
-        matrix, self._cameras_of[node.index] = node.matrix, node.name
+        matrix = node.matrix
+        if np.linalg.norm(np.cross(_unit(matrix[:3, 1]), _unit(matrix[:3, 2]))) < LEAST_SINE:
+            self.warnings.append(f"camera '{node.name}': a scale of 0 leaves it no direction; it is left out")
+            return
+        self._cameras_of[node.index] = node.name
         position, forward, up = matrix[:3, 3], -_direction(matrix[:3, 2]), _direction(matrix[:3, 1])
         self.cameras.append(
             Camera(
@@ -300,6 +307,12 @@ class _Reader:
 def _is_outline(material: Material) -> bool:
     """Test for the material of an inverted hull, the shell around a model whose back faces are never drawn."""
     return "outline" in material.name.lower() and not material.double_sided
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """[3] unit; 0 when ``vector`` has no length."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if 0 < length < math.inf else np.zeros(3)
 
 
 def _direction(vector: np.ndarray) -> np.ndarray:

@@ -131,6 +131,10 @@ class Document:
         folder = self.path.parent.resolve()
         try:
             target = (folder / unquote(uri)).resolve()
+            if not target.is_file():
+                # Exporters for Windows write backslashes, which browsers read as slashes.
+                other = (folder / unquote(uri).replace("\\", "/")).resolve()
+                target = other if other.is_relative_to(folder) and other.is_file() else target
             inside, exists = target.is_relative_to(folder), target.is_file()
         except (OSError, ValueError):
             place.fail(f"names the unusable path '{uri[:60]!r}'")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,8 @@ REPAIRS = {
     "TEXCOORD_1": (0.0, "zeros"),
     "COLOR_0": (1.0, "ones"),
 }
+# Vertex colours above this are not rounded ones: a surface would reflect more light than arrives.
+MOST_COLOR = 1.001
 # Attributes that are ignored without a warning: tangents are computed from texture coordinates.
 SILENT_ATTRIBUTES = ("TANGENT", "JOINTS_1", "WEIGHTS_1")
 
@@ -70,30 +72,32 @@ class Geometry:
             warn: Called with each element that is ignored or repaired.
         """
         self._document, self._accessors, self._warn = document, accessors, warn
-        self._meshes: dict[int, list[Primitive]] = {}
+        self._meshes: dict[tuple[int, tuple[float, ...]], list[Primitive]] = {}
         self.ignored: set[str] = set()
         """Names of attributes that were ignored."""
 
-    def mesh(self, index: int) -> list[Primitive]:
+    def mesh(self, index: int, weights: Sequence[float] | None = None) -> list[Primitive]:
         """Read the triangle primitives of a mesh.
 
         Args:
             index: Number of the mesh.
+            weights: Those of its morph targets; None: those of the mesh.
 
         Returns:
             Its primitives.
         """
-        if index not in self._meshes:
-            place = self._document.item("meshes", index)
+        place = self._document.item("meshes", index)
+        key = index, tuple(weights if weights is not None else morph_weights(place) or ())
+        if key not in self._meshes:
             place.what = f"mesh {index}"
             found = [
-                self._primitive(Place(place.scene, f"mesh {index} primitive {i}", value))
+                self._primitive(Place(place.scene, f"mesh {index} primitive {i}", value), key[1])
                 for i, value in enumerate(place.items("primitives"))
             ]
-            self._meshes[index] = [primitive for primitive in found if primitive is not None]
-        return self._meshes[index]
+            self._meshes[key] = [primitive for primitive in found if primitive is not None]
+        return self._meshes[key]
 
-    def _primitive(self, place: Place) -> Primitive | None:
+    def _primitive(self, place: Place, weights: Sequence[float]) -> Primitive | None:
         mode = place.integer("mode", TRIANGLES)
         if mode in MODES:
             self._warn(f"{place.what}: {MODES[mode]} are skipped, only triangles are loaded")
@@ -103,13 +107,13 @@ class Geometry:
         attributes = place.place("attributes")
         names = attributes.value if attributes else ()
         self.ignored.update(name for name in names if name not in ATTRIBUTES and name not in SILENT_ATTRIBUTES)
-        if "targets" in place:
-            self._warn(f"{place.what}: morph targets are ignored")
         draco = place.extension(DRACO)
         arrays, corners = self._draco(place, draco) if draco else self._plain(place)
         if "POSITION" not in arrays:
             self._warn(f"{place.what}: has no positions and is skipped")
             return None
+        if "targets" in place:
+            self._morph(place, arrays, weights)
         return self._checked(place, arrays, triangles(corners, mode if draco is None else TRIANGLES))
 
     def _plain(self, place: Place) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -118,7 +122,9 @@ class Geometry:
         for name in ATTRIBUTES:
             number = attributes.index(name, self._document.count("accessors"), "accessor")
             if number is not None:
-                arrays[name] = self._accessors.floats(number)
+                # Colours of whole numbers are normalized, also where an exporter forgot to say so (glTF 2.0, 3.7.2.1).
+                values = self._accessors.read(number) if name == "COLOR_0" else self._accessors.floats(number)
+                arrays[name] = as_floats(values, name == "COLOR_0")
         number = place.index("indices", self._document.count("accessors"), "accessor")
         if number is not None:
             corners = self._accessors.read(number)
@@ -126,6 +132,23 @@ class Geometry:
                 place.fail(f"has indices in accessor {number} that are not unsigned whole numbers")
             return arrays, corners[:, 0].astype(np.uint32)
         return arrays, np.arange(len(arrays.get("POSITION", ())), dtype=np.uint32)
+
+    def _morph(self, place: Place, arrays: dict[str, np.ndarray], weights: Sequence[float]) -> None:
+        """Move positions and normals by the morph targets whose weight is not 0."""
+        targets = place.items("targets")
+        used = [(float(w), i) for i, w in enumerate(weights[: len(targets)]) if w != 0]
+        self._warn(f"{place.what}: morph targets are {'kept as they are at rest' if used else 'ignored'}")
+        for weight, i in used:
+            self._document.budget.check_time(place.what)
+            target = Place(place.scene, f"{place.what} target {i}", targets[i])
+            for name in ("POSITION", "NORMAL"):
+                number = target.index(name, self._document.count("accessors"), "accessor")
+                if number is None or name not in arrays:
+                    continue
+                step = self._accessors.floats(number)
+                if step.shape != arrays[name].shape:
+                    target.fail(f"has {name} of shape {list(step.shape)}, expected {list(arrays[name].shape)}")
+                arrays[name] = arrays[name] + np.float32(weight) * step
 
     def _repaired(self, place: Place, name: str, values: np.ndarray) -> np.ndarray:
         """Replace values that are not finite; a normal of length 0 later becomes that of the triangles."""
@@ -174,7 +197,7 @@ class Geometry:
             ids.fail(f"names attribute {wanted} for {name}, which the compressed data lacks")
         number = attributes.index(name, self._document.count("accessors"), "accessor")
         normalized = number is not None and self._document.item("accessors", number).flag("normalized")
-        return as_floats(values, normalized)
+        return as_floats(values, normalized or name == "COLOR_0")
 
     def _checked(self, place: Place, arrays: dict[str, np.ndarray], indices: np.ndarray) -> Primitive:
         positions = arrays["POSITION"]
@@ -189,11 +212,26 @@ class Geometry:
             place.fail(f"names vertex {int(indices.max())}, but has {count}")
         material = place.index("material", self._document.count("materials"), "material")
         colors = arrays.get("COLOR_0")
+        if colors is not None and (colors.min() < 0 or colors.max() > MOST_COLOR):
+            self._warn(f"{place.what}: has COLOR_0 outside of 0 to 1; they are cut")
+            colors = colors.clip(0, 1)
         if colors is not None and colors.shape[1] == 3:
             colors = np.concatenate([colors, np.ones((count, 1), np.float32)], axis=1)
         normals, uv0, uv1 = (arrays.get(n) for n in ("NORMAL", "TEXCOORD_0", "TEXCOORD_1"))
         joints, weights = arrays.get("JOINTS_0"), arrays.get("WEIGHTS_0")
         return Primitive(positions, indices, normals, uv0, uv1, colors, material, joints, weights)
+
+
+def morph_weights(place: Place) -> tuple[float, ...] | None:
+    """Read the weights of morph targets that a mesh or a node has at rest.
+
+    Args:
+        place: Mesh or node.
+
+    Returns:
+        The weights; None where it has none.
+    """
+    return place.numbers("weights", len(place.items("weights"))) if "weights" in place else None
 
 
 def triangles(corners: np.ndarray, mode: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Textures of a glTF file: images decoded once, WebP converted to PNG or JPEG, samplers and texture transforms."""
+"""Textures of a glTF file: images decoded once, WebP and KTX2 converted to PNG or JPEG, samplers, transforms."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from collections.abc import Callable
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.basisu import codec as basisu
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
-from lightwell.scenes.scene import Image, Texture
+from lightwell.scenes.scene import Image, Texture, eight_bits
 
 WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 # The magnification filter NEAREST; all others are bilinear here.
 NEAREST = 9728
 # Formats that glTF files hold in practice; Pillow's other readers are not used on untrusted bytes.
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "GIF", "TGA", "TIFF")
-# First bytes of a KTX2 file (KTX 2.0 specification, section 3.1).
-KTX2 = bytes.fromhex("ab4b5458203230bb0d0a1a0a")
 # Quality of the JPEG that replaces a lossy WebP; high, because the image was already compressed once.
 JPEG_QUALITY = 95
 
@@ -44,6 +43,8 @@ class Textures:
         # By digest of the encoded bytes: files store one image under several numbers.
         self._decoded: dict[bytes, Image] = {}
         self._charged: set[bytes] = set()
+        # Computed from the images of the file, by what they depend on.
+        self._made: dict[tuple[object, ...], Image] = {}
 
     def read(self, owner: Place, key: str) -> Texture | None:
         """Read the texture that an element refers to.
@@ -71,6 +72,23 @@ class Textures:
             uv_set = 0
         return Texture(image, *self._sampler(place), uv_set=uv_set, transform=transform)
 
+    def made(self, key: tuple[object, ...], name: str, texels: Callable[[], np.ndarray]) -> Image:
+        """Make an image from those of the file, once.
+
+        Args:
+            key: What it depends on.
+            name: Name of the image.
+            texels: Computes [H, W, 3 or 4] uint8.
+
+        Returns:
+            The image.
+        """
+        if key not in self._made:
+            values = texels()
+            self._document.budget.check_picture(values.shape[1], values.shape[0], f"image '{name}'")
+            self._made[key] = png_image(name, values)
+        return self._made[key]
+
     def _sampler(self, place: Place) -> tuple[tuple[str, str], bool]:
         number = place.index("sampler", self._document.count("samplers"), "sampler")
         if number is None:
@@ -85,14 +103,15 @@ class Textures:
     def _source(self, place: Place) -> Image | None:
         number = self._image_number(place)
         if number is None:
-            self._warn(f"{place.what}: has no picture that lightwell reads (PNG, JPEG, WebP); the factor alone is used")
+            formats = "PNG, JPEG, WebP, KTX2"
+            self._warn(f"{place.what}: has no picture that lightwell reads ({formats}); the factor alone is used")
             return None
         if number not in self._images:
             self._images[number] = self._image(number)
         return self._images[number]
 
     def _image_number(self, texture: Place) -> int | None:
-        # A PNG or JPEG is preferred to a format that is not decoded here.
+        # A PNG or JPEG is preferred to blocks, which are the same picture with more error.
         order = [texture.extension("EXT_texture_webp"), texture, texture.extension("KHR_texture_basisu")]
         holder = next((place for place in order if place is not None and "source" in place), texture)
         return holder.index("source", self._document.count("images"), "image")
@@ -105,11 +124,11 @@ class Textures:
         key = hashlib.sha256(data).digest()
         if key in self._decoded:
             return self._decoded[key]
-        if data.startswith(KTX2):
-            self._warn(f"{place.what} ('{name}'): is a KTX2 picture, which is not read; the factor alone is used")
+        if basisu.is_ktx2(data) and (missing := basisu.missing()):
+            self._warn(f"{place.what} ('{name}'): is not read ({missing}); the factor alone is used")
             return None
         try:
-            image = encoded_image(name, data)
+            image = _of_blocks(name, data) if basisu.is_ktx2(data) else encoded_image(name, data)
             image.pixels  # noqa: B018  decode now, so that damage is found here
         except Exception as error:  # Pillow's readers raise many types for a damaged image
             self._warn(f"{place.what} ('{name}'): cannot be decoded ({_line(error)}); the factor alone is used")
@@ -144,6 +163,11 @@ class Textures:
                 self._charge(place, data)
 
     def _charge(self, place: Place, data: bytes) -> None:
+        if basisu.is_ktx2(data):
+            # A file that is cut short is reported where it is decoded.
+            width, height = basisu.size(data) if len(data) >= basisu.HEADER_BYTES else (0, 0)
+            self._document.budget.check_picture(width, height, place.what)
+            return
         try:
             with warnings.catch_warnings():
                 # The budget limits sizes, not Pillow's own bound.
@@ -181,8 +205,29 @@ def encoded_image(name: str, data: bytes) -> Image:
         if lossy:
             picture.convert("RGB").save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
         else:
-            picture.convert("RGBA" if picture.has_transparency_data else "RGB").save(out, "PNG")
+            eight_bits(picture).convert("RGBA" if picture.has_transparency_data else "RGB").save(out, "PNG")
     return Image(name, out.getvalue(), "image/jpeg" if lossy else "image/png")
+
+
+def png_image(name: str, texels: np.ndarray) -> Image:
+    """Make an ``Image`` of texels.
+
+    Args:
+        name: Name of the image.
+        texels: [H, W, 3 or 4] uint8.
+
+    Returns:
+        The image, a PNG; alpha of 255 everywhere is left out.
+    """
+    opaque = texels.shape[2] == 4 and bool((texels[..., 3] == 255).all())
+    out = io.BytesIO()
+    PillowImage.fromarray(np.ascontiguousarray(texels[..., :3] if opaque else texels)).save(out, "PNG")
+    return Image(name, out.getvalue(), "image/png")
+
+
+def _of_blocks(name: str, data: bytes) -> Image:
+    """The largest level of a KTX2 picture."""
+    return png_image(name, basisu.decode_with_alpha(data))
 
 
 def _line(error: BaseException) -> str:

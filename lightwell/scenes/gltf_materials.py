@@ -9,6 +9,7 @@ from typing import cast
 
 from lightwell.scenes.gltf_images import Textures
 from lightwell.scenes.gltf_json import Place
+from lightwell.scenes.gltf_specular_glossiness import converted
 from lightwell.scenes.scene import AlphaMode, Material
 from lightwell.scenes.vectors import vector
 
@@ -18,8 +19,6 @@ NEAR_DELTA_ROUGHNESS = 0.1
 WITHOUT_MATERIAL = Material("without material", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0, roughness=1.0)
 # Radiance above which a material's emission counts as an error: the sun's disc has 1.6e9 cd/m².
 MOST_RADIANCE = 1e10
-# Reflectance at normal incidence above which a specular-glossiness material counts as metal.
-METAL_F0 = 0.25
 
 # Material extensions that are read, completely or in part.
 READ = {
@@ -45,7 +44,7 @@ def read_material(place: Place, textures: Textures, warn: Callable[[str], None])
     lost: list[str] = []
     material = _metallic_roughness(place, name, textures)
     if (glossy := place.extension("KHR_materials_pbrSpecularGlossiness")) is not None:
-        material = _specular_glossiness(glossy, material, textures)
+        material = converted(glossy, material, textures)
         lost.append("specular-glossiness is converted to metallic-roughness approximately")
     material = _surface(place, material, textures, lost)
     material = _extensions(place, material, lost)
@@ -86,21 +85,6 @@ def _metallic_roughness(place: Place, name: str, textures: Textures) -> Material
         metallic=_unit(pbr.number("metallicFactor", 1.0)),
         roughness=_unit(pbr.number("roughnessFactor", 1.0)),
         metallic_roughness_texture=textures.read(pbr, "metallicRoughnessTexture"),
-    )
-
-
-def _specular_glossiness(glossy: Place, material: Material, textures: Textures) -> Material:
-    diffuse = glossy.numbers("diffuseFactor", 4, (1.0, 1.0, 1.0, 1.0))
-    specular = glossy.numbers("specularFactor", 3, (1.0, 1.0, 1.0))
-    texture = textures.read(glossy, "diffuseTexture")
-    metal = "specularGlossinessTexture" not in glossy and max(specular) > METAL_F0 and max(specular) > max(diffuse[:3])
-    return replace(
-        material,
-        base_color=_color((*specular, diffuse[3]) if metal else diffuse),
-        base_color_texture=None if metal else texture,
-        metallic=1.0 if metal else 0.0,
-        roughness=1.0 - _unit(glossy.number("glossinessFactor", 1.0)),
-        metallic_roughness_texture=None,
     )
 
 

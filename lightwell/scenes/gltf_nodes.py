@@ -12,6 +12,8 @@ import numpy as np
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
 
+# Hides a node and all below it.
+VISIBILITY = "KHR_node_visibility"
 TRANSFORMS = ("matrix", "translation", "rotation", "scale")
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -32,7 +34,7 @@ class PlacedNode:
 def placed_nodes(
     document: Document, unit: float = 1.0, poses: Mapping[int, dict[str, Any]] | None = None
 ) -> Iterator[PlacedNode]:
-    """Iterate over the nodes of the default scene, parents first.
+    """Iterate over the nodes of the default scene that are not hidden, parents first.
 
     Args:
         document: The file.
@@ -54,11 +56,18 @@ def placed_nodes(
             place.fail("is reached twice; nodes must form a tree")
         seen.add(index)
         document.budget.check("depth", depth, place.what)
+        if _is_hidden(place):
+            continue
         if poses and index in poses:
             place.value = place.value | poses[index]
         matrix = _world_matrix(place, parent)
         yield PlacedNode(index, place, place.text("name", "") or place.what, matrix, above)
         waiting += [(child, matrix, depth + 1, index) for child in reversed(place.indices("children", count, "node"))]
+
+
+def _is_hidden(place: Place) -> bool:
+    shown = place.extension(VISIBILITY) if "extensions" in place else None
+    return shown is not None and "visible" in shown and not shown.flag("visible")
 
 
 def _world_matrix(place: Place, parent: np.ndarray) -> np.ndarray:

@@ -159,10 +159,12 @@ def _matrices(document: Document, accessors: Accessors, node: PlacedNode, extens
 
 
 def _joined(made: Sequence[Placement]) -> list[Placement]:
-    """Join the placements of each mesh to one; those of skinned meshes are kept, because joints place them."""
+    """Join the placements of each mesh to one; those of skinned meshes are kept, because joints place them, and those
+    with morph weights of their own."""
     groups: dict[tuple[str, int], list[Placement]] = {}
     for i, placement in enumerate(made):
-        key = ("skin", i) if "skin" in placement.node.place else ("mesh", placement.mesh)
+        own = "skin" in placement.node.place or "weights" in placement.node.place
+        key = ("node", i) if own else ("mesh", placement.mesh)
         groups.setdefault(key, []).append(placement)
     joined = []
     for group in groups.values():

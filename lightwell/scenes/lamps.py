@@ -14,8 +14,8 @@ from lightwell.scenes.scene import Scene
 
 # Name of the lights that no rule names, and of all of them together.
 OTHERS, ALL, ENVIRONMENT = "others", "lights", "environment"
-# Names of lights that an error lists.
-LISTED = 8
+# Names of lights that an error lists, and characters of a name in an asset.
+LISTED, LONGEST = 8, 256
 # Numbers behind a name, and names that modelling programs give: the material says more.
 _NUMBERS = re.compile(r"([\s._-]*\d+)+\Z")
 _UNNAMED = re.compile(r"(cube|plane|circle|cylinder|sphere|icosphere|cone|torus|mesh|object|node|default)?\Z", re.I)
@@ -128,7 +128,7 @@ def group_lamps(scene: Scene, rules: LampRules) -> tuple[LampGroup, ...]:
         names.setdefault(rule.name, []).extend(found)
         left = [light for light in left if light not in found]
     for light in left if rules.mode != "none" else ():
-        key = _key(light, rules)
+        key = _key(light, rules)[: LONGEST - 8]
         key = _free(key, names) if rules.mode == "each" else key
         names.setdefault(key, []).append(light)
     if len(names) > MOST_LAMPS:

@@ -58,7 +58,21 @@ class Image:
         with warnings.catch_warnings():
             # Loaders limit the size of images; Pillow's own, lower limit only warns.
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
-            return np.asarray(PillowImage.open(io.BytesIO(self.data)).convert("RGBA"))
+            return np.asarray(eight_bits(PillowImage.open(io.BytesIO(self.data))).convert("RGBA"))
+
+
+def eight_bits(picture: PillowImage.Image) -> PillowImage.Image:
+    """Scale a grey picture of 16 bits to 8, where Pillow's ``convert`` would cut its values at 255.
+
+    Args:
+        picture: Picture of any mode.
+
+    Returns:
+        A picture of mode L; other pictures as they are.
+    """
+    if not picture.mode.startswith("I"):
+        return picture
+    return PillowImage.fromarray((np.asarray(picture).clip(0, 65535) >> 8).astype(np.uint8))
 
 
 @dataclass(frozen=True)
@@ -304,5 +318,13 @@ class Scene:
 
     @property
     def has_static_light(self) -> bool:
-        """Whether anything in the scene itself emits light."""
-        return len(self.mi.emitters()) > 0
+        """Whether anything in the scene itself emits light. Lamps of intensity 0 and emission by a black picture do
+        not."""
+        emitters = self.mi.emitters()
+        lamps = [emitter for emitter in emitters if emitter.get_shape() is None]
+        # The records say how bright the emitters are, but for those of Mitsuba files and those that were added.
+        unrecorded = len(lamps) != len(self.lights) or any(emitter.is_environment() for emitter in lamps)
+        if not emitters or self.whole is not None or unrecorded:
+            return len(emitters) > 0
+        lights = ([light.intensity * c for c in light.color] for light in self.lights)
+        return any(max(power) > 0 for power in (*(mesh.emission for mesh in self.meshes), *lights))

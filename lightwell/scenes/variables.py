@@ -175,9 +175,15 @@ def by_light(texts: Sequence[str]) -> list[tuple[str, ...]]:
 
     Returns:
         The declarations of each light whose place, direction or size varies, in order; one empty list where none does.
+
+    Raises:
+        ValueError: Of several lights, an intensity or a colour is of none.
     """
     found = [(text, d) for text in texts if not (d := parse_vary(text)).moves]
     names = list(dict.fromkeys(d.name for _, d in found if d.learned))
+    strange = next((text for text, d in found if d.name not in names), None)
+    if strange is not None and len(names) > 1:
+        raise ValueError(f"vary: '{strange}' is of none of the lights that vary, {', '.join(names)}; name one of them")
     groups = [tuple(text for text, d in found if d.name == name) for name in names]
     return groups or [tuple(text for text, _ in found)]
 

@@ -101,6 +101,49 @@ def test_a_ply_has_the_colours_of_its_vertices(tmp_path):
     assert box.colors[0, :3] == pytest.approx([1, ((188 / 255 + 0.055) / 1.055) ** 2.4, 0], abs=1e-3)
 
 
+@pytest.mark.usefixtures("here")
+def test_pictures_of_any_kind_are_kept_and_missing_ones_are_told(obj, tmp_path):
+    (tmp_path / "room.mtl").write_text(MTL.replace("wood.png", "wood.tga") + "newmtl gone\nmap_Kd gone.png\n")
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.tga")
+    scene = load(obj)
+    [texture] = [m.base_color_texture for m in scene.materials if m.base_color_texture is not None]
+    assert texture.image.pixels[0, 0].tolist() == [200, 100, 50, 255]
+    assert any("file 'gone.png' is missing" in line for line in scene.warnings)
+
+
+PLY = """ply
+format ascii 1.0
+comment TextureFile scan.png
+element vertex 3
+property float x
+property float y
+property float z
+property float s
+property float t
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0 0 0
+1 0 0 1 0
+0 1 0 0 1
+3 0 1 2
+"""
+
+
+@pytest.mark.usefixtures("here")
+def test_a_ply_has_its_picture_or_the_colours_of_its_faces(tmp_path):
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "scan.png")
+    (tmp_path / "scan.ply").write_text(PLY)
+    [material] = load(tmp_path / "scan.ply").materials
+    assert material.base_color_texture.image.pixels[0, 0].tolist() == [200, 100, 50, 255]
+    mesh = trimesh.creation.box((1, 2, 3))
+    mesh.visual.face_colors = np.tile(np.uint8([255, 0, 0, 255]), (12, 1))
+    mesh.visual.face_colors[0] = [0, 255, 0, 255]
+    mesh.export(tmp_path / "box.ply")
+    [box] = load(tmp_path / "box.ply").meshes
+    assert box.colors[:4, :3].tolist() == [[0, 1, 0]] * 3 + [[1, 0, 0]]
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -222,6 +265,38 @@ def test_texture_coordinates_have_the_name_that_the_material_says(tmp_path):
     made.GetRootLayer().Save()
     [floor] = load(tmp_path / "room.usda").meshes
     assert floor.uv0 is not None and floor.uv0.max() == 1 and floor.uv0.min() == 0
+
+
+def test_a_point_instancer_places_its_prototypes_alone(tmp_path):
+    made, _ = stage(tmp_path / "room.usda")
+    instancer = UsdGeom.PointInstancer.Define(made, "/trees")
+    UsdGeom.Xformable(instancer).AddTranslateOp().Set(Gf.Vec3d(0, 0, 100))
+    UsdGeom.Xform.Define(made, "/trees/tree")
+    leaf = UsdGeom.Mesh.Define(made, "/trees/tree/leaf")
+    leaf.CreatePointsAttr([(0, 0, 0), (10, 0, 0), (0, 10, 0)])
+    leaf.CreateFaceVertexCountsAttr([3])
+    leaf.CreateFaceVertexIndicesAttr([0, 1, 2])
+    UsdGeom.Xformable(leaf).AddTranslateOp().Set(Gf.Vec3d(1, 0, 0))
+    instancer.CreatePrototypesRel().AddTarget("/trees/tree")
+    instancer.CreateProtoIndicesAttr([0, 0, 0])
+    instancer.CreatePositionsAttr([(0, 0, 0), (300, 0, 0), (900, 0, 0)])
+    instancer.CreateInvisibleIdsAttr([2])
+    instancer.CreateScalesAttr([(1, 1, 1), (2, 2, 2), (1, 1, 1)])
+    made.GetRootLayer().Save()
+    scene = load(tmp_path / "room.usda")
+    first, second = scene.meshes[1:] if len(scene.meshes[0].positions) == 4 else scene.meshes[:-1]
+    # Centimetres with z up.
+    np.testing.assert_allclose(first.positions, [[0.01, 1, 0], [0.11, 1, 0], [0.01, 1, -0.1]], atol=1e-6)
+    np.testing.assert_allclose(second.positions, [[3.02, 1, 0], [3.22, 1, 0], [3.02, 1, -0.2]], atol=1e-6)
+
+
+def test_display_colours_of_vertices_are_kept(tmp_path):
+    made, mesh = stage(tmp_path / "room.usda")
+    colors = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
+    colors.Set([(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.25, 0.5, 0.75)])
+    made.GetRootLayer().Save()
+    [floor] = load(tmp_path / "room.usda").meshes
+    np.testing.assert_allclose(floor.colors[:, :3], [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.5, 0.75]])
 
 
 def test_a_stage_states_its_unit_and_limits_hold_for_converted_files(tmp_path):

@@ -61,6 +61,41 @@ def test_a_skinned_mesh_stands_where_its_joints_hold_it(tmp_path):
     np.testing.assert_allclose(mesh.positions, expected, atol=1e-6)
 
 
+def test_a_vertex_without_weights_is_held_by_its_first_joint(tmp_path):
+    file = Builder()
+    joints = file.accessor(np.tile(np.uint8([0, 0, 0, 0]), (4, 1)))
+    weights = file.accessor(np.float32([[1, 0, 0, 0], [1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]]))
+    skin = file.add("skins", {"joints": [1]})
+    number = file.mesh(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights}, node=False)
+    file.json["nodes"] = [{"mesh": number, "skin": skin}, {"translation": [0, 0, 9]}]
+    (mesh,) = load(file.save(tmp_path)).meshes
+    np.testing.assert_allclose(mesh.positions, SQUARE + np.array([0, 0, 9]), atol=1e-6)
+
+
+def test_morph_targets_have_the_weights_of_the_node_or_else_of_the_mesh(tmp_path):
+    file = Builder()
+    steps = [np.tile(np.float32(step), (4, 1)) for step in ([0, 0, 2], [8, 0, 0])]
+    number = file.mesh(targets=[{"POSITION": file.accessor(step)} for step in steps])
+    file.json["meshes"][number]["weights"] = [0.5, 0]
+    file.json["nodes"].append({"mesh": number, "weights": [0, 1], "translation": [0, 5, 0]})
+    scene = load(file.save(tmp_path))
+    np.testing.assert_allclose(scene.meshes[0].positions, SQUARE + np.array([0, 0, 1]), atol=1e-6)
+    np.testing.assert_allclose(scene.meshes[1].positions, SQUARE + np.array([8, 5, 0]), atol=1e-6)
+    assert "mesh 0 primitive 0: morph targets are kept as they are at rest" in scene.warnings
+
+
+def test_hidden_nodes_are_not_shown(tmp_path):
+    file = Builder()
+    file.mesh()
+    hidden = {"KHR_node_visibility": {"visible": False}}
+    file.json["nodes"] += [{"extensions": hidden, "children": [2]}, {"mesh": 0, "name": "below"}]
+    file.json["nodes"].append({"mesh": 0, "name": "seen", "extensions": {"KHR_node_visibility": {}}})
+    file.json["extensionsUsed"] = ["KHR_node_visibility"]
+    scene = load(file.save(tmp_path))
+    assert [mesh.name for mesh in scene.meshes] == ["node 0", "seen"]
+    assert not any("KHR_node_visibility" in w for w in scene.warnings)
+
+
 def test_strips_and_fans():
     assert triangles(np.arange(5, dtype=np.uint32), 5).tolist() == [[0, 1, 2], [1, 3, 2], [2, 3, 4]]
     assert triangles(np.arange(5, dtype=np.uint32), 6).tolist() == [[1, 2, 0], [2, 3, 0], [3, 4, 0]]

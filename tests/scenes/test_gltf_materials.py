@@ -1,8 +1,11 @@
 """glTF materials, textures and their orientation in the path tracer."""
 
+import io
+
 import numpy as np
 import pytest
 from gltf_builder import SQUARE_UV, Builder
+from PIL import Image as PillowImage
 
 from lightwell.backend import mi
 from lightwell.core.color import linear
@@ -92,6 +95,15 @@ def test_red_of_a_normal_map_points_along_u(tmp_path, uv, side):
     assert towards > 1.5 * away
 
 
+def test_a_normal_map_without_coordinates_is_flat(tmp_path):
+    file = Builder()
+    material = {"normalTexture": file.texture(np.full((2, 2, 3), [230, 128, 200]))}
+    light = [0.4, 0.1, 1.0]
+    bent = radiance(loaded(tmp_path, material, file, uv=None), 0, 0, light)
+    flat = radiance(loaded(tmp_path, {}, uv=None), 0, 0, light)
+    np.testing.assert_allclose(bent, flat, rtol=1e-5)
+
+
 def test_both_sides_reflect(tmp_path):
     scene = loaded(tmp_path, {"pbrMetallicRoughness": {"metallicFactor": 0}})
     si = scene.mi.ray_intersect(mi.Ray3f([0, 0, -1], [0, 0, 1]))
@@ -155,6 +167,33 @@ def test_vertex_colours_multiply_the_texture(tmp_path):
         np.testing.assert_allclose((tinted - black) / (white - black), [1, 0.5, 0.25], rtol=5e-3)
 
 
+@pytest.mark.parametrize(("kind", "value"), [(np.uint8, 51), (np.uint16, 13107)])
+def test_vertex_colours_of_whole_numbers_are_shares(tmp_path, kind, value):
+    """Exporters forget ``normalized``, which their type implies."""
+    file = Builder()
+    colors = file.accessor(np.full((4, 4), value, kind))
+    scene = loaded(tmp_path, {}, file, attributes={"COLOR_0": colors})
+    np.testing.assert_allclose(scene.meshes[0].colors, 0.2, atol=1e-6)
+
+
+def test_vertex_colours_reflect_no_more_than_arrives(tmp_path):
+    file = Builder()
+    colors = file.accessor(np.tile(np.float32([3, 0.5, -1]), (4, 1)))
+    scene = loaded(tmp_path, {}, file, attributes={"COLOR_0": colors})
+    np.testing.assert_allclose(scene.meshes[0].colors, np.tile([1, 0.5, 0, 1], (4, 1)))
+    assert "mesh 0 primitive 0: has COLOR_0 outside of 0 to 1; they are cut" in scene.warnings
+
+
+def test_grey_pictures_of_16_bits_are_scaled(tmp_path):
+    file, out = Builder(), io.BytesIO()
+    PillowImage.fromarray(np.uint16([[0, 128, 32896, 65535]])).save(out, "PNG")
+    image = file.add("images", {"bufferView": file.view(out.getvalue()), "mimeType": "image/png"})
+    texture = {"index": file.add("textures", {"source": image})}
+    image = loaded(tmp_path, {"pbrMetallicRoughness": {"baseColorTexture": texture}}, file).materials[0]
+    image = image.base_color_texture.image
+    assert image.pixels[0, :, 0].tolist() == [0, 0, 128, 255]
+
+
 def test_webp_becomes_png(tmp_path):
     file = Builder()
     texture = file.texture(np.array([[RED, GREEN], [BLUE, WHITE]]), "WEBP")
@@ -197,6 +236,20 @@ def test_specular_glossiness_is_approximated(tmp_path):
     material = scene.materials[0]
     assert (material.base_color, material.metallic, material.roughness) == ((0.2, 0.3, 0.4, 1), 0, 0.75)
     assert "material 'old': specular-glossiness is converted to metallic-roughness approximately" in scene.warnings
+
+
+def test_specular_glossiness_of_a_picture_is_converted_by_texel(tmp_path):
+    """Left: a matt, red dielectric; right: a half glossy, yellow metal."""
+    file = Builder()
+    diffuse = file.texture(np.array([[[188, 0, 0], [0, 0, 0]]]))
+    specular = file.texture(np.array([[[56, 56, 56, 0], [255, 188, 0, 128]]]))
+    glossy = {"diffuseTexture": diffuse, "specularGlossinessTexture": specular}
+    material = loaded(tmp_path, {"extensions": {"KHR_materials_pbrSpecularGlossiness": glossy}}, file).materials[0]
+    texels = material.metallic_roughness_texture.image.pixels[0, :, 1:3]
+    assert (material.metallic, material.roughness) == (1, 1) and texels.tolist() == [[255, 0], [127, 255]]
+    colors = material.base_color_texture.image.pixels[0, :, :3]
+    np.testing.assert_allclose(colors, [[188, 0, 0], [255, 188, 0]], atol=1)
+    assert not material.delta
 
 
 def test_a_damaged_picture_is_a_warning(tmp_path):

@@ -5,9 +5,12 @@ import time
 import numpy as np
 import pytest
 from gltf_builder import SQUARE, SQUARE_INDICES, SQUARE_UV, Builder
+from PIL import Image as PillowImage
 
+from lightwell import basisu
 from lightwell.limits import Limits
 from lightwell.scenes import SceneError, load
+from lightwell.scenes.default_light import under_sky
 
 
 def refused(path, **limits) -> str:
@@ -167,8 +170,54 @@ def test_ktx2_and_missing_pictures_are_warnings(tmp_path):
     file.json["extensionsRequired"] = ["KHR_texture_basisu"]
     file.mesh(uv=SQUARE_UV, material=file.add("materials", {"pbrMetallicRoughness": pbr}))
     warnings = " ".join(load(file.save(tmp_path)).warnings)
-    assert "is a KTX2 picture, which is not read" in warnings
+    assert "image 0 ('image 0'): cannot be decoded (KTX2: " in warnings
     assert "its file 'gone.ktx2' is missing" in warnings
+
+
+def test_ktx2_pictures_are_read(tmp_path):
+    file = Builder()
+    data = basisu.encode(np.tile(np.uint8([200, 100, 50]), (8, 8, 1)), "uastc")
+    image = file.add("images", {"bufferView": file.view(data), "mimeType": "image/ktx2"})
+    texture = file.add("textures", {"extensions": {"KHR_texture_basisu": {"source": image}}})
+    pbr = {"baseColorTexture": {"index": texture}}
+    file.json["extensionsRequired"] = ["KHR_texture_basisu"]
+    file.mesh(uv=SQUARE_UV, material=file.add("materials", {"pbrMetallicRoughness": pbr}))
+    path = file.save(tmp_path)
+    picture = load(path).materials[0].base_color_texture.image
+    assert picture.mime == "image/png" and picture.pixels.shape == (8, 8, 4)
+    np.testing.assert_allclose(picture.pixels[3, 3], [200, 100, 50, 255], atol=3)
+    assert "--limit picture_edge=" in refused(path, picture_edge=4)
+
+
+def test_pictures_named_with_backslashes_are_found(tmp_path):
+    (tmp_path / "textures").mkdir()
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "textures" / "my wall.png")
+    file = Builder()
+    file.add("images", {"uri": "textures\\my%20wall.png"})
+    pbr = {"baseColorTexture": {"index": file.add("textures", {"source": 0})}}
+    file.mesh(uv=SQUARE_UV, material=file.add("materials", {"pbrMetallicRoughness": pbr}))
+    assert load(file.save(tmp_path)).materials[0].base_color_texture is not None
+    # What lies outside of the folder is missing, as before.
+    file.json["images"][0]["uri"] = "..\\wall.png"
+    assert load(file.save(tmp_path)).materials[0].base_color_texture is None
+
+
+def test_a_camera_without_size_is_left_out(tmp_path):
+    file = square()
+    file.add("cameras", {"type": "perspective", "perspective": {"yfov": 1, "znear": 0.1}})
+    file.json["nodes"] += [{"camera": 0, "name": "flat", "scale": [0, 0, 0]}, {"camera": 0, "name": "eye"}]
+    scene = load(file.save(tmp_path))
+    assert [camera.name for camera in scene.cameras] == ["eye"]
+    assert any(w.startswith("camera 'flat': a scale of 0") for w in scene.warnings)
+
+
+def test_small_triangles_under_a_wide_dome_are_kept(tmp_path):
+    file = Builder()
+    file.mesh(SQUARE * 2e5)
+    file.mesh(SQUARE * 0.005)
+    scene = load(file.save(tmp_path))
+    assert [len(mesh.indices) for mesh in scene.meshes] == [2, 2]
+    assert not any("no area" in w for w in scene.warnings)
 
 
 def test_what_an_unlit_material_shows_is_no_light(tmp_path):
@@ -178,6 +227,29 @@ def test_what_an_unlit_material_shows_is_no_light(tmp_path):
     scene = load(file.save(tmp_path))
     assert not scene.has_static_light
     assert any("its emission is what it looks like and no light" in w for w in scene.warnings)
+
+
+def _off(file: Builder) -> dict:
+    file.json["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 0}]}}
+    file.add("nodes", {"extensions": {"KHR_lights_punctual": {"light": 0}}})
+    return {}
+
+
+def _black(file: Builder) -> dict:
+    return {"emissiveFactor": [1, 1, 1], "emissiveTexture": file.texture(np.zeros((2, 2, 3)))}
+
+
+@pytest.mark.parametrize("material", [_off, _black])
+def test_lamps_that_are_off_are_no_light(tmp_path, material):
+    """A bake would learn their light, find none and be refused."""
+    file = Builder()
+    file.mesh(uv=SQUARE_UV, material=file.add("materials", material(file)))
+    scene = load(file.save(tmp_path))
+    assert not scene.has_static_light
+    assert under_sky(scene).has_static_light
+    file.json["materials"][0]["emissiveFactor"] = [0, 0, 1e-3]
+    file.json["materials"][0].pop("emissiveTexture", None)
+    assert load(file.save(tmp_path)).has_static_light
 
 
 @pytest.mark.parametrize(("intensity", "color"), [(1e38, 1.0), (1e300, 1e300), (1.0, 1e38)])

@@ -12,6 +12,7 @@ from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.load import load
 from lightwell.scenes.scene import Light, Material, Mesh, Scene
+from lightwell.transport.environment import environment_picture
 from tests.transport.rooms import quad
 
 GLOW = Material("Glow", emissive=(1.0, 1.0, 1.0))
@@ -39,6 +40,14 @@ def test_names_that_say_nothing_give_way_to_the_material():
     assert list(grouped(lit("Cube.003", "Plane"))) == ["Glow"]
 
 
+def test_names_fit_into_an_asset():
+    # An asset holds names of 256 characters; a longer one would end a bake when its file is written.
+    long = "lamp " + "x" * 400
+    found = grouped(lit(long + "a", long + "b"), "each")
+    assert len(found) == 2 and all(len(name) <= 256 for name in found)
+    assert [nodes for nodes in found.values()] == [(long + "a",), (long + "b",)]
+
+
 def test_emitters_of_a_group_are_its_own():
     scene = lit("a", "b", spots=1)
     groups = group_lamps(scene, parse_lamps(()))
@@ -60,6 +69,7 @@ def test_rules_come_first_and_the_rest_is_one_group():
         (("x=Nope*",), "lamps: 'x=Nope*' matches no light of scene 'room'; its lights are 'a', 'b'"),
         (("x=a*", "y=a"), "names only lights that a group before it has; give the narrower pattern first"),
         (("desk",), "lamps: 'desk' is not NAME=PATTERN"),
+        (("desk=a", "none"), "lamps: none leaves no light a switch, desk has one; leave out none"),
         (("each", "all"), "lamps: each and all group the same lights; give one of them"),
     ],
 )
@@ -99,6 +109,19 @@ def test_a_state_is_taken_back():
     message = r"set: scene 'room' has no lamp 'b'; .*'a'"
     with pytest.raises(ValueError, match=message), dimmed(scene, groups, {"b": (1,)}):
         pass
+
+
+def test_the_sky_of_the_model_is_dimmed_too():
+    """Mitsuba's ``sunsky`` has no radiance that could be scaled."""
+    scene = lit()
+    shapes = {f"mesh_{k}": shape for k, shape in enumerate(scene.mi.shapes())}
+    scene.mi = mi.load_dict({"type": "scene", **shapes, "sky": {"type": "sunsky"}}, optimize=False)
+    groups = group_lamps(scene, parse_lamps(()))
+    before = environment_picture(scene, 8)
+    assert [group.name for group in groups] == ["environment"] and before.max() > 0
+    with dimmed(scene, groups, {"environment": (0.25, 0.25, 0.25)}):
+        np.testing.assert_allclose(environment_picture(scene, 8), 0.25 * before, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(environment_picture(scene, 8), before, rtol=1e-5)
 
 
 def test_the_name_of_a_node_that_is_no_lamp_names_the_way_to_move_it():

@@ -60,6 +60,7 @@ def test_parse(text, parameter, values):
         ("light.position=box(0,0,0,1,1,inf)", "every number must be finite"),
         ("light.position=box(0,0,0,1,-1,1)", "the second corner must be larger than the first in x, y and z"),
         ("light.radius=-1", "a radius is not negative; write for example light.radius=0.05"),
+        ("light.intensity=0", "an intensity is above 0; write for example light.intensity=20"),
         ("light.radius=", "expected 1 numbers (metres), got 0"),
         ("sun.direction=arc(0,10,90)", "expected 4 numbers (az0,el0,az1,el1), got 3"),
         ("sun.direction=arc(0,100,90,10)", "an elevation lies between -90 and 90 degrees"),
