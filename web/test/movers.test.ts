@@ -1,6 +1,6 @@
 /** Nodes of a file that move: what is read, where they stand, and what a field is told of them. */
 
-import { AnimationClip, BoxGeometry, Group, Matrix4, Mesh, MeshStandardMaterial, QuaternionKeyframeTrack, Vector3, VectorKeyframeTrack } from "three";
+import { AnimationClip, BoxGeometry, Group, type Material, Matrix4, Mesh, MeshStandardMaterial, QuaternionKeyframeTrack, Texture, Vector3, VectorKeyframeTrack } from "three";
 import { describe, expect, it, vi } from "vitest";
 import { type MoverRecord, readMovers } from "../runtime/src/mover-record.ts";
 import { moverValuesText, readMoverValues } from "../runtime/src/mover-values.ts";
@@ -85,6 +85,30 @@ describe("a mover", () => {
     expect(wall.material).toBe(material);
     expect(leaf.material).not.toBe(material);
     expect(toRestOf(material).equals(new Matrix4())).toBe(true);
+  });
+
+  it("has what belongs to a material that it copies: its light map, and the hooks and nodes of its owner", () => {
+    const material = new MeshStandardMaterial();
+    const own = { onBeforeCompile: () => {}, colorNode: {} };
+    Object.assign(material, own);
+    material.addEventListener("dispose", () => {});
+    const [wall, leaf] = [new Mesh(new BoxGeometry(), material), new Mesh(new BoxGeometry(), material)];
+    const lightmap = { index: 0, texCoord: 1, intensity: 2, map: new Texture(), bytes: 0 };
+    const lightmaps = new Map([[material as Material, lightmap]]);
+    new Mover(read(DOOR)[0]!, [leaf], new Group().add(wall, leaf), null, lightmaps);
+    expect(leaf.material).not.toBe(material);
+    expect(lightmaps.get(leaf.material)).toBe(lightmap);
+    expect(leaf.material).toMatchObject(own);
+    expect("_listeners" in leaf.material).toBe(false);
+  });
+
+  it("says where surfaces rest whichever scene of one root is shown: React's StrictMode makes two, and keeps the first", () => {
+    const { mover, root, leaf } = house();
+    new Mover(mover.record, [mover.object], root);
+    mover.value = 90;
+    mover.follow(root);
+    const now = root.worldToLocal(leaf.localToWorld(new Vector3()));
+    expect(now.applyMatrix4(toRestOf(leaf.material as MeshStandardMaterial)).length()).toBeLessThan(1e-6);
   });
 
   it("stays in its range and goes back", () => {

@@ -1,12 +1,13 @@
 /** What is shown, in the page's address and for the page around a frame; flying by keys. */
 
+import { readFileSync } from "node:fs";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, beforeAll, expect, it } from "vitest";
 import { readOptions } from "../viewer/src/options.ts";
 import { COARSE, launch, openPage, Site } from "./support/browser.ts";
 import { CAMERA, linearField, plainRoom, stillField } from "./support/fixtures.ts";
 import { writeGlb } from "./support/glb.ts";
-import { pageWith } from "./support/page.ts";
+import { packReference, pageWith } from "./support/page.ts";
 
 let browser: Browser;
 let page: Page;
@@ -132,4 +133,21 @@ it("the page around a frame asks and says what is shown; others are not heard", 
   // A message that the frame sends to itself is not from the page around it.
   await page.frames()[1]!.evaluate(() => window.postMessage({ lightwell: "set", state: { mode: "direct" } }, "*"));
   expect(await ask({ lightwell: "get", id: 6 })).toMatchObject({ state: { mode: "indirect" } });
+});
+
+it("what moves comes back after a reference, goes home, and does not leave a saved view", async () => {
+  const door = readFileSync(new URL("fixtures/field-and-probes.glb", import.meta.url));
+  const reference = { width: 4, height: 3, ...packReference(new Float32Array(36).fill(0.1), 4) };
+  const views = [{ name: "ajar", camera: { position: [0, 1, 3], target: [0, 1, 0] }, pose: [0.1234567], ...reference }];
+  await page.goto(`${site.put("/door.html", pageWith(door, { home: CAMERA, views }))}?mode=learned&movers=Door:30`);
+  await page.evaluate(() => window.lightwell.ready);
+  const moved = async () => new URL(await link()).searchParams.get("movers");
+  const modes = async (mode: "reference" | "learned") => (await page.evaluate((name) => window.lightwell.setMode(name), mode), moved());
+  expect([await moved(), await modes("reference"), await modes("learned")]).toEqual(["Door:30", "Door:11.111", "Door:30"]);
+  await page.locator('[aria-label="Start again"]').dispatchEvent("click");
+  expect(await moved()).toBeNull();
+  await page.evaluate(() => window.lightwell.setView(0));
+  await page.goto(await link());
+  await page.evaluate(() => window.lightwell.ready);
+  expect([await moved(), await page.evaluate(() => window.lightwell.stats().view)]).toEqual(["Door:11.111", 0]);
 });

@@ -160,6 +160,13 @@ describe.each([...new Set(CASES.map(([backend]) => backend))])("on %s", (backend
     expect(middle(await draw(kind, glb, { edit: "detached" }))).toEqual([0, 0, 0]);
   });
 
+  it.each(adapters)("%s: attached again after a frame without it, it follows its lamps", async (kind) => {
+    const glb = room({ fields: [linearField()] });
+    const [once, twice] = [await draw(kind, glb, { direct: true }), await draw(kind, glb, { direct: true, edit: "attached" })];
+    const at = 4 * (36 * WIDTH + 48);
+    for (const c of [0, 1, 2]) expect(twice.data[at + c]! / once.data[at + c]!).toBeCloseTo(2, 2);
+  });
+
   // Which renderer draws must not show: three.js' own surface model is another one, and changes from version to version.
   it.each(adapters.filter((kind) => kind !== "webgl"))("%s: direct light on matte, glossy, coated and metallic surfaces is that of WebGLRenderer", async (kind) => {
     const surface = (metallicFactor: number, roughnessFactor: number, extensions = {}) => ({

@@ -1,6 +1,6 @@
 /** What is put on a material in place, as its owner sees it: chained hooks, and materials that several objects share. */
 
-import { DoubleSide, FrontSide, Mesh, MeshStandardMaterial, Object3D, ShaderLib } from "three";
+import { Bone, DoubleSide, FrontSide, InstancedMesh, Mesh, MeshStandardMaterial, Object3D, ShaderLib, Skeleton, SkinnedMesh } from "three";
 import { describe, expect, it } from "vitest";
 import type { SurfaceFinish } from "../runtime/src/surface-finish.ts";
 import { type Finisher, SurfaceMaterials } from "../runtime/src/surface-materials.ts";
@@ -94,6 +94,20 @@ function finisher(): Finisher & { restored: number } {
   };
   return made;
 }
+
+it("what is disposed of frees the bones and instances of its meshes too", () => {
+  const instances = new InstancedMesh(undefined, new MeshStandardMaterial(), 2);
+  const skinned = new SkinnedMesh(undefined, new MeshStandardMaterial());
+  skinned.bind(new Skeleton([new Bone()]));
+  skinned.skeleton.computeBoneTexture();
+  let [freed, bones] = [0, 0];
+  instances.addEventListener("dispose", () => void freed++);
+  skinned.skeleton.boneTexture!.addEventListener("dispose", () => void bones++);
+  const materials = new SurfaceMaterials(finisher());
+  materials.attach(new Object3D().add(instances, skinned));
+  materials.dispose(true);
+  expect([freed, bones]).toEqual([1, 1]);
+});
 
 describe("a material of several objects", () => {
   it("stays patched until the last of them is given back", () => {

@@ -1,11 +1,11 @@
 /** Switches of the scene's own lamps: reading, factors, surfaces that follow, texts of links. */
 
 import { LightwellLoaderPlugin, lampSettingsText, parseLearned, readLampSettings } from "lightwell";
-import { Matrix4, Mesh, MeshStandardMaterial, Object3D } from "three";
+import { type Material, Matrix4, Mesh, MeshStandardMaterial, Object3D } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { describe, expect, it } from "vitest";
 import { LearnedField } from "../runtime/src/learned-field.ts";
-import type { LoadedLight } from "../runtime/src/loaded-light.ts";
+import type { Lightmap, LoadedLight } from "../runtime/src/loaded-light.ts";
 import { type LampRecord, Switches } from "../runtime/src/switches.ts";
 import { TO_REST, toRestOf } from "../runtime/src/to-rest.ts";
 import { plainRoom } from "./support/fixtures.ts";
@@ -83,6 +83,20 @@ describe("surfaces that shine", () => {
     expect(switches.of(other)).toBeNull();
     switches.detach();
     expect(lamp.material).toBe(shared);
+  });
+
+  it("have the light maps of their materials for as long as they follow it, and hooks of their owner", () => {
+    const material = new MeshStandardMaterial({ emissive: 0xffffff });
+    const onBeforeCompile = (material.onBeforeCompile = () => {});
+    const lamp = new Mesh(undefined, material);
+    lamp.userData.name = "Desk lamp";
+    const lightmaps = new Map([[material as Material, {} as Lightmap]]);
+    const switches = new Switches(LAMPS);
+    switches.attach(new Object3D().add(lamp), lightmaps);
+    expect(lightmaps.get(lamp.material)).toBe(lightmaps.get(material));
+    expect(lamp.material.onBeforeCompile).toBe(onBeforeCompile);
+    switches.detach();
+    expect(lightmaps.size).toBe(1);
   });
 
   it("that move know where they rest", () => {

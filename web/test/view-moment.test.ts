@@ -98,6 +98,11 @@ describe("the page", () => {
     expect(await page.locator(".views .view").allTextContents()).toEqual(["view 0, 09:11", "view 1, 16:05", "view 2, 12:15"]);
     await page.evaluate(() => window.lightwell.setMode("learned"));
     expect((await shown()).day).toBe("18:30");
+    // The link of a saved view names its hour, too: it is the view's own.
+    await page.evaluate(() => window.lightwell.setView(1));
+    await page.goto(await page.evaluate(() => window.lightwell.link()));
+    await page.evaluate(() => window.lightwell.ready);
+    expect(await shown()).toMatchObject({ mode: "learned", view: 1, day: "16:05" });
     expect(errors).toEqual([]);
   });
 });

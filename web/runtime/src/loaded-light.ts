@@ -18,8 +18,8 @@ export type { Lightmap };
 export interface LoadedLight extends NeuralRadiance {
   /** Ordinary light maps (MOZ_lightmap), which the learned light takes the place of. */
   readonly lightmaps: ReadonlyMap<Material, Lightmap>;
-  /** Makes what moves the nodes of `movers`, in their order; null where the file has none. */
-  readonly moving: ((root: Object3D) => Mover[]) | null;
+  /** Makes what moves the nodes of `movers`, in their order; null where the file has none. Adds the light maps of materials that it copies. */
+  readonly moving: ((root: Object3D, lightmaps: Map<Material, Lightmap>) => Mover[]) | null;
   /** Makes what plays animations of `lamps`; null where the file has none. */
   readonly playing: ((switches: readonly LampSwitch[]) => LampPlayer) | null;
   /** Makes the lamp of the environment that turns; null where none does. */

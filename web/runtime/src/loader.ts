@@ -12,7 +12,6 @@ import { LIGHTMAP_EXTENSION, readLightmap } from "./lightmap.ts";
 import { EXTENSION } from "./extension-name.ts";
 import type { Lightmap, LoadedLight } from "./loaded-light.ts";
 import type { MoverRecord } from "./mover-record.ts";
-import type { Mover } from "./movers.ts";
 import { NO_LIGHT } from "./no-light.ts";
 
 const MESHOPT = /^(EXT|KHR)_meshopt_compression$/;
@@ -96,7 +95,7 @@ export class LightwellLoaderPlugin implements GLTFLoaderPlugin {
 }
 
 /** What makes the movers of a file, loaded where it has some. */
-async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Promise<(root: Object3D) => Mover[]> {
+async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Promise<NonNullable<LoadedLight["moving"]>> {
   const { Mover } = await import("./movers.ts");
   const load = async (record: MoverRecord) => {
     const nodes = record.kind === "clip" ? record.nodes : [record.node];
@@ -105,7 +104,7 @@ async function makerOf(records: readonly MoverRecord[], parser: GLTFParser): Pro
     return { record, objects, clip };
   };
   const loaded = await Promise.all(records.map(load));
-  return (root) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip));
+  return (root, lightmaps) => loaded.map(({ record, objects, clip }) => new Mover(record, objects, root, clip, lightmaps));
 }
 
 /** What makes the lamp of an environment that turns, loaded where one does. */

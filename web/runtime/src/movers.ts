@@ -1,6 +1,8 @@
 /** What moves in a file: doors, lids, blinds, clips. The learned light follows the value of each. */
 
 import { type AnimationClip, AnimationMixer, type Material, Matrix4, Mesh, type Object3D, Quaternion, Vector3 } from "three";
+import type { Lightmap } from "./lightmap.ts";
+import { copyOf } from "./material-copy.ts";
 import type { MoverRecord, NodeRecord } from "./mover-record.ts";
 import { TO_REST } from "./to-rest.ts";
 
@@ -8,10 +10,11 @@ import { TO_REST } from "./to-rest.ts";
 class Part {
   readonly object: Object3D;
   private readonly rest = new Matrix4();
-  private readonly toRest = new Matrix4();
+  /** Those of its materials: every scene that is made of one file moves the same ones. */
+  private readonly toRest = new Set<Matrix4>();
 
   /** Materials that other parts or what stands still have too are copied for this part. */
-  constructor(object: Object3D, root: Object3D, taken: ReadonlySet<Object3D>) {
+  constructor(object: Object3D, root: Object3D, taken: ReadonlySet<Object3D>, lightmaps: Map<Material, Lightmap>) {
     this.object = object;
     this.rest.copy(root.matrixWorld).invert().multiply(object.matrixWorld);
     const own = new Map<Material, Material>();
@@ -21,9 +24,11 @@ class Part {
       if (mesh instanceof Mesh && !moving.has(mesh)) for (const material of [mesh.material].flat() as Material[]) others.add(material);
     });
     const ownOf = (material: Material): Material => {
-      if (!own.has(material)) own.set(material, others.has(material) ? material.clone() : material);
+      if (!own.has(material)) own.set(material, others.has(material) ? copyOf(material, lightmaps) : material);
       const found = own.get(material)!;
-      TO_REST.set(found, this.toRest);
+      const toRest = TO_REST.get(found) ?? new Matrix4();
+      TO_REST.set(found, toRest);
+      this.toRest.add(toRest);
       return found;
     };
     for (const mesh of moving) mesh.material = Array.isArray(mesh.material) ? mesh.material.map(ownOf) : ownOf(mesh.material);
@@ -33,7 +38,8 @@ class Part {
   update(toRoot: Matrix4): void {
     // In the space of the root: rest · now⁻¹.
     const now = toRoot.clone().multiply(this.object.matrixWorld);
-    this.toRest.multiplyMatrices(this.rest, now.invert());
+    now.invert().premultiply(this.rest);
+    for (const toRest of this.toRest) toRest.copy(now);
   }
 }
 
@@ -110,14 +116,14 @@ export class Mover {
   private readonly drive: NodeDrive | ClipDrive;
   private moved = true;
 
-  /** `objects`: the nodes, at rest below `root`; `clip`: of a record of one. */
-  constructor(record: MoverRecord, objects: readonly Object3D[], root: Object3D, clip: AnimationClip | null = null) {
+  /** `objects`: the nodes, at rest below `root`; `clip`: of a record of one; `lightmaps`: of the file's materials, and of copies from now on. */
+  constructor(record: MoverRecord, objects: readonly Object3D[], root: Object3D, clip: AnimationClip | null = null, lightmaps = new Map<Material, Lightmap>()) {
     this.record = record;
     this.object = objects[0]!;
     this.at = record.initial;
     root.updateWorldMatrix(true, true);
     const taken = new Set(objects);
-    this.parts = objects.map((object) => new Part(object, root, taken));
+    this.parts = objects.map((object) => new Part(object, root, taken, lightmaps));
     this.drive = record.kind === "clip" ? new ClipDrive(clip!, root, objects) : new NodeDrive(record, this.object);
   }
 

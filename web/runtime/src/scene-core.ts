@@ -114,7 +114,7 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
     this.placement = new Placement(this.root);
     this.bounds = boundsOf(this.root);
     this.core = coreOf(core, this.bounds);
-    this.movers = moving?.(this.root) ?? [];
+    this.movers = moving?.(this.root, lightmaps as Map<Material, Lightmap>) ?? [];
     this.lamps = variables.map((variable) =>
       variable.kind === "environment" ? turning!(variable, this.root) : createLamp(variable, this.bounds, this.placement, this.core),
     );

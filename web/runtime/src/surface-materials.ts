@@ -3,7 +3,7 @@
  * surfaces can show has copies of its own, which follow the originals and are made when they are first needed.
  */
 
-import { Line, type Material, Mesh, type MeshStandardMaterial, type Object3D, Points, type Side } from "three";
+import { InstancedMesh, Line, type Material, Mesh, type MeshStandardMaterial, type Object3D, Points, type Side, SkinnedMesh } from "three";
 import { isClear } from "./clear-glass.ts";
 import type { Lightmap } from "./loaded-light.ts";
 
@@ -144,10 +144,16 @@ export class SurfaceMaterials {
 
   /** Free what GPUs hold of the meshes; textures too if they are asked for. What is used again is uploaded again. */
   dispose(textures: boolean): void {
-    const geometries = new Set(this.entries.map(({ mesh }) => mesh.geometry));
+    const meshes = this.entries.map(({ mesh }) => mesh);
+    const geometries = new Set(meshes.map(({ geometry }) => geometry));
     const materials = new Set(this.entries.flatMap(({ own }) => own));
     this.detach();
     for (const geometry of geometries) geometry.dispose();
+    for (const mesh of meshes) {
+      if (mesh instanceof SkinnedMesh) mesh.skeleton?.dispose();
+      // Renderers free the buffers of instances; its own `dispose` would throw their morph targets away.
+      if (mesh instanceof InstancedMesh) mesh.dispatchEvent({ type: "dispose" });
+    }
     for (const material of materials) {
       if (textures) for (const texture of texturesOf(material)) texture.dispose();
       material.dispose();

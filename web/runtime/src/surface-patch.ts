@@ -69,6 +69,8 @@ export class SurfacePatch implements Patch {
       if (own[name]) Object.assign(material, { [name]: own[name] });
     }
     material.needsUpdate = true;
+    // A renderer that keeps the finished program would take it again, by its name, with the uniforms of the one that came between.
+    material.dispose();
   }
 
   renew(): void {

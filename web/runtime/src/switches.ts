@@ -4,7 +4,7 @@ import { Color, type ColorRepresentation, type Light, type Material, Mesh, MeshS
 import { fail, list, number, record, text, type Vec3, vec3 } from "./checks.ts";
 import type { Lightmap } from "./lightmap.ts";
 import type { Taken } from "./own-lights.ts";
-import { TO_REST } from "./to-rest.ts";
+import { copyOf } from "./material-copy.ts";
 
 /** A group of lamps as a file declares it. */
 export interface LampRecord {
@@ -19,7 +19,7 @@ export interface LampRecord {
 
 /** Largest number of groups. */
 export const MAX_SWITCHES = 64;
-const MAX_NODES = 4096;
+const MAX_NODES = 65_536;
 const MAX_INTENSITY = 1e6;
 
 /** Read `extension.lamps`. */
@@ -95,6 +95,7 @@ export class Switches {
   private followers: Follower[] = [];
   /** Lights of three.js that belong to a group: what an application makes of them, the group follows. */
   private lights = new Map<LampSwitch, Taken[]>();
+  private lightmaps = new Map<Material, Lightmap>();
   private readonly owners = new Map<string, LampSwitch>();
 
   constructor(lamps: readonly LampRecord[]) {
@@ -126,6 +127,7 @@ export class Switches {
   /** Give surfaces that shine materials of their own, which follow their lamp; lamps follow the lights that were taken away. */
   attach(root: Object3D, lightmaps: Map<Material, Lightmap>, taken: readonly Taken[] = []): void {
     if (this.all.length === 0) return;
+    this.lightmaps = lightmaps;
     for (const one of taken) {
       const lamp = this.of(one.stand);
       if (!lamp) continue;
@@ -134,19 +136,16 @@ export class Switches {
     }
     root.traverse((object) => {
       const lamp = object instanceof Mesh ? this.of(object) : null;
-      if (lamp) this.adopt(object as Mesh, lamp, lightmaps);
+      if (lamp) this.adopt(object as Mesh, lamp);
     });
   }
 
-  private adopt(mesh: Mesh, lamp: LampSwitch, lightmaps: Map<Material, Lightmap>): void {
+  private adopt(mesh: Mesh, lamp: LampSwitch): void {
+    const { lightmaps } = this;
     const shining: { material: MeshStandardMaterial; emissive: Color }[] = [];
     const copies = [mesh.material].flat().map((material) => {
       if (!(material instanceof MeshStandardMaterial) || material.emissive.getHex() === 0) return material;
-      const copy = material.clone();
-      const toRest = TO_REST.get(material);
-      if (toRest) TO_REST.set(copy, toRest);
-      const lightmap = lightmaps.get(material);
-      if (lightmap) lightmaps.set(copy, lightmap);
+      const copy = copyOf(material, lightmaps);
       shining.push({ material: copy, emissive: copy.emissive.clone() });
       return copy;
     });
@@ -159,7 +158,10 @@ export class Switches {
   detach(): void {
     for (const { mesh, before, shining } of this.followers) {
       mesh.material = before;
-      for (const { material } of shining) material.dispose();
+      for (const { material } of shining) {
+        this.lightmaps.delete(material);
+        material.dispose();
+      }
     }
     this.followers = [];
     this.lights.clear();

@@ -44,7 +44,7 @@ export interface Request {
   /** Lamps to add, after a first frame without them. */
   readonly added?: number;
   /** What to do to the file's materials after a first frame. */
-  readonly edit?: "emissive" | "hidden" | "detached";
+  readonly edit?: "emissive" | "hidden" | "detached" | "attached";
   /** White light from everywhere, and what the scene makes of it. */
   readonly environment?: "keep" | "remove";
   /** Materials of the page's own that show the field of this number; WebGPURenderer alone. */
@@ -251,7 +251,14 @@ async function run(request: Request): Promise<Answer> {
     for (let i = 0; i < (request.added ?? 0); i++) learned.addLamp();
     if (request.added || request.look) await stand.compile(learned, scene, camera, request.look);
     if (request.edit === "detached") learned.detach();
-    else if (request.edit) edit(learned.root, request.edit);
+    else if (request.edit === "attached") {
+      learned.detach();
+      renderer.render(scene, camera);
+      learned.attach();
+      for (const lamp of learned.lamps) lamp.intensity *= 2;
+      // Nodes of lights are brought up to date once a frame of the page.
+      await new Promise(requestAnimationFrame);
+    } else if (request.edit) edit(learned.root, request.edit);
     if (request.added || request.edit || request.look) frame();
     data = await stand.read();
     if (round > 0) memory.push(memoryOf(renderer));

@@ -14,17 +14,16 @@ const HISTORY = 9;
 /** Brackets the GPU work of a frame. */
 export class FrameTimer {
   private readonly gl: WebGL2RenderingContext;
-  private readonly extension: TimerExtension | null;
+  private extension: TimerExtension | null;
+  /** Of the frame that is being drawn. */
+  private running: WebGLQuery | null = null;
   private readonly pending: WebGLQuery[] = [];
   private readonly times: number[] = [];
   private lastFrame = Number.NEGATIVE_INFINITY;
 
   constructor(gl: WebGL2RenderingContext) {
     this.gl = gl;
-    // The timestamps of a rasteriser on the CPU say nothing about the work.
-    this.extension = isSoftware(rendererName(gl))
-      ? null
-      : (gl.getExtension("EXT_disjoint_timer_query_webgl2") as TimerExtension);
+    this.extension = extensionOf(gl);
   }
 
   /** Median over the last frames; null before there was one. */
@@ -34,15 +33,18 @@ export class FrameTimer {
   }
 
   begin(): void {
-    if (!this.extension) return;
-    const query = this.gl.createQuery();
-    this.gl.beginQuery(this.extension.TIME_ELAPSED_EXT, query);
-    this.pending.push(query);
+    if (!this.extension || this.gl.isContextLost()) return;
+    this.running = this.gl.createQuery();
+    this.gl.beginQuery(this.extension.TIME_ELAPSED_EXT, this.running);
   }
 
   end(now: number): void {
     if (this.extension) {
-      this.gl.endQuery(this.extension.TIME_ELAPSED_EXT);
+      if (this.running) {
+        this.gl.endQuery(this.extension.TIME_ELAPSED_EXT);
+        this.pending.push(this.running);
+        this.running = null;
+      }
       this.collect(this.extension);
     } else if (now - this.lastFrame < MAX_GAP_MS) {
       this.add(now - this.lastFrame);
@@ -54,6 +56,13 @@ export class FrameTimer {
   add(milliseconds: number): void {
     this.times.push(milliseconds);
     if (this.times.length > HISTORY) this.times.shift();
+  }
+
+  /** The graphics context was lost and is back: it knows neither the extension nor what it was asked. */
+  restart(): void {
+    this.extension = extensionOf(this.gl);
+    this.running = null;
+    this.pending.length = 0;
   }
 
   dispose(): void {
@@ -71,4 +80,10 @@ export class FrameTimer {
       gl.deleteQuery(query);
     }
   }
+}
+
+/** What counts the time of the GPU; null where there is none. */
+function extensionOf(gl: WebGL2RenderingContext): TimerExtension | null {
+  // The timestamps of a rasteriser on the CPU say nothing about the work.
+  return isSoftware(rendererName(gl)) ? null : (gl.getExtension("EXT_disjoint_timer_query_webgl2") as TimerExtension | null);
 }

@@ -66,17 +66,27 @@ export async function applyState(viewer: Viewer, options: ShownOptions): Promise
   if (exposure !== null) viewer.setExposure(exposure);
   if (toneMapping) viewer.setToneMapping(toneMapping);
   if (options.half !== viewer.half) viewer.setHalf(options.half);
-  if (options.day !== null) viewer.setDay(options.day);
-  if (options.rotation !== null) viewer.setEnvironmentRotation(options.rotation);
+  applyMoment(viewer, options);
   applyLights(viewer, options);
   applyLamps(viewer, options);
-  for (const [name, value] of options.movers) viewer.setMover(name, value);
+  for (const [name, value] of options.movers) {
+    const mover = viewer.learned?.movers.find((other) => other.name === name);
+    if (mover && short([mover.value]) !== short([value])) viewer.setMover(name, value);
+  }
   if (against) viewer.setAgainst(against);
   if (split !== null) viewer.setSplit(split);
   if (mode) viewer.setMode(mode);
   if (viewer.view !== null && viewer.page.views[viewer.view]?.reference) await viewer.reference(viewer.view);
   await viewer.prepared();
   viewer.renderOnce();
+}
+
+/** The time of day and the turn of the map; a saved view that has its own keeps them while they agree. */
+function applyMoment(viewer: Viewer, { day, rotation }: Pick<Options, "day" | "rotation">): void {
+  const hour = hourOf(viewer.lamps);
+  const map = turningOf(viewer.lamps);
+  if (day !== null && (hour === null || clockText(day) !== clockText(hour))) viewer.setDay(day);
+  if (rotation !== null && (!map || short([rotation]) !== short([map.angle]))) viewer.setEnvironmentRotation(rotation);
 }
 
 /** Lamps that are asked for; a saved view that has its own keeps them while they agree. */

@@ -2,6 +2,7 @@
 
 import { type FieldProgram, FormatError, type Lamp, type LearnedScene, rendererName } from "lightwell";
 import type { DataTexture, WebGLRenderer } from "three";
+import { onPixelRatio } from "../../runtime/src/pixel-ratio.ts";
 import { CameraRig } from "./camera-rig.ts";
 import type { LoadedAsset } from "./asset.ts";
 import type { Comparison } from "./comparison.ts";
@@ -59,6 +60,8 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
   /** Counts compilations; the last one ends `preparing`. */
   private compilations = 0;
   private readonly resizeObserver: ResizeObserver;
+  /** Ends what hears of another pixel ratio. */
+  private readonly unheard: () => void;
 
   constructor(canvas: HTMLCanvasElement, options: Options) {
     super();
@@ -80,6 +83,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     });
     this.resizeObserver = new ResizeObserver(() => this.resize());
     this.resizeObserver.observe(canvas);
+    this.unheard = onPixelRatio(() => this.resize());
     this.resize();
   }
 
@@ -229,6 +233,7 @@ export abstract class ViewerFrames extends Emitter<ViewerEvents> {
     cancelAnimationFrame(this.requested);
     this.refinement.stop();
     this.resizeObserver.disconnect();
+    this.unheard();
     this.presenter.references.clear();
     this.stage.clear();
     this.lens.dispose();

@@ -17,13 +17,23 @@ import { ViewerFrames } from "./viewer-frames.ts";
 const CONTEXT_LOST =
   "The graphics context was lost. It usually comes back by itself; reload the page if not.";
 
+/** The light and the moving parts as a user left them. */
+interface Parked {
+  readonly lamps: readonly LampState[];
+  /** Of the switches, in their order. */
+  readonly settings: readonly LampSetting[];
+  /** Of the movers, in their order. */
+  readonly values: readonly number[];
+  readonly stillLight: boolean;
+}
+
 /** Changes what is shown. Change it through these methods alone. */
 export class Viewer extends ViewerFrames {
   /** What the user does to the lamps. */
   readonly lampController: LampController;
   private userMoved = false;
-  /** The user's lamps while a reference, which has its own, is shown. */
-  private parked: readonly LampState[] | null = null;
+  /** The user's light and moving parts while a reference, which has its own, is shown. */
+  private parked: Parked | null = null;
 
   constructor(canvas: HTMLCanvasElement, options: Options) {
     super(canvas, options);
@@ -91,9 +101,9 @@ export class Viewer extends ViewerFrames {
     if (mode === "split" && !this.canHold(this.against)) this.against = "direct";
     const [needed, needs] = [needsReference(this), needsReference({ mode, against: this.against })];
     const moment = momentOf(this.lamps);
-    if (needed && !needs) this.returnLamps();
+    if (needed && !needs) this.returnLight();
     if (needs) {
-      if (!needed) this.parked = this.lampController.states();
+      if (!needed) this.parked = this.lightNow();
       if (this.view === null || !this.page.views[this.view]?.reference) {
         const nearest = nearestReference(this.page.views, this.rig.camera.position, this.lamps);
         this.setView(nearest);
@@ -132,7 +142,7 @@ export class Viewer extends ViewerFrames {
     this.changed();
   }
 
-  /** Camera and lights as they were baked. */
+  /** Camera and lights as they were baked, and what moves as the file shows it first. */
   goHome(): void {
     const { home, views } = this.page;
     const camera = home ?? views[0]?.camera ?? overview(this.learned?.core ?? new Box3());
@@ -140,6 +150,7 @@ export class Viewer extends ViewerFrames {
     this.place(() => this.rig.place(camera, 1));
     this.resetLight();
     for (const lamp of this.lamps) lamp.move(new Vector3(...lamp.variable.initial));
+    for (const mover of this.learned?.movers ?? []) mover.value = mover.record.initial;
     this.exposed.reset();
     this.changed();
   }
@@ -218,8 +229,9 @@ export class Viewer extends ViewerFrames {
   }
 
   setStillLight(on: boolean): void {
-    this.stillLight = on;
+    // It brings the light back that a reference took the place of.
     this.leaveView();
+    this.stillLight = on;
     this.changed();
   }
 
@@ -231,7 +243,7 @@ export class Viewer extends ViewerFrames {
   /** Choose what is to the left in split mode, if the file has it. */
   setAgainst(against: Against): void {
     if (!this.canHold(against)) return;
-    if (needsReference(this) && against !== "reference") this.returnLamps();
+    if (needsReference(this) && against !== "reference") this.returnLight();
     this.against = against;
     if (this.mode === "split") this.setMode("split");
     else this.changed();
@@ -258,7 +270,10 @@ export class Viewer extends ViewerFrames {
       this.invalidate();
     });
     onContextLoss(this.canvas, (lost) => {
-      if (!lost) for (const lamp of this.lamps) lamp.move(lamp.value.clone());
+      if (!lost) {
+        this.presenter.timer.restart();
+        for (const lamp of this.lamps) lamp.move(lamp.value.clone());
+      }
       this.emit("trouble", lost ? CONTEXT_LOST : "");
       this.invalidate();
     });
@@ -277,10 +292,24 @@ export class Viewer extends ViewerFrames {
     move();
   }
 
-  /** The lamps as the user left them before a reference was shown. */
-  private returnLamps(): void {
-    if (this.parked === null) return;
-    this.lampController.restore(this.parked);
+  private lightNow(): Parked {
+    const { switches = [], movers = [] } = this.learned ?? {};
+    return {
+      lamps: this.lampController.states(),
+      settings: switches.map(({ intensity, color: { r, g, b } }) => ({ intensity, color: [r, g, b] })),
+      values: movers.map(({ value }) => value),
+      stillLight: this.stillLight,
+    };
+  }
+
+  /** Light and moving parts as the user left them before a reference was shown. */
+  private returnLight(): void {
+    const { parked } = this;
+    if (parked === null) return;
+    this.lampController.restore(parked.lamps);
+    for (const [k, lamp] of (this.learned?.switches ?? []).entries()) lamp.set(parked.settings[k]!);
+    for (const [k, mover] of (this.learned?.movers ?? []).entries()) mover.value = parked.values[k]!;
+    this.stillLight = parked.stillLight;
     this.parked = null;
     this.view = null;
     this.presenter.references.comparison = null;
@@ -293,7 +322,7 @@ export class Viewer extends ViewerFrames {
     if (!needsReference(this)) return;
     this.mode = "learned";
     if (relit) this.parked = null;
-    else this.returnLamps();
+    else this.returnLight();
     this.say("Path-traced pictures exist for the saved views alone. Back to learned light.");
   }
 

@@ -7,6 +7,7 @@ import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import { SkyBackground } from "../sky-background.ts";
 import { moverProps, setMovers } from "../mover-props.ts";
+import { onPixelRatio } from "../pixel-ratio.ts";
 import { readMoverValues } from "../mover-values.ts";
 import type { Mover } from "../movers.ts";
 import { readLampSettings } from "../switches.ts";
@@ -73,6 +74,8 @@ export class LightwellViewer extends ElementBase implements Client {
   /** Counts loads: one that was overtaken shows nothing. */
   private loads = 0;
   private readonly resized = new ResizeObserver(() => this.resize());
+  /** Ends what hears of another pixel ratio. */
+  private unheard = () => {};
   private nearing: IntersectionObserver | null = null;
   /** Attributes with the names of what moves, which only the file knows. */
   private readonly short = new MutationObserver((changes) => {
@@ -97,6 +100,7 @@ export class LightwellViewer extends ElementBase implements Client {
   connectedCallback(): void {
     for (const name of ["poster", "alt", "controls"]) this.apply(name);
     this.resized.observe(this);
+    this.unheard = onPixelRatio(() => this.resize());
     if (this.getAttribute("loading") !== "lazy") return this.start();
     this.nearing = new IntersectionObserver((entries) => entries.some(({ isIntersecting }) => isIntersecting) && this.start(), { rootMargin: NEAR });
     this.nearing.observe(this);
@@ -108,6 +112,7 @@ export class LightwellViewer extends ElementBase implements Client {
     this.requested = 0;
     this.nearing?.disconnect();
     this.resized.disconnect();
+    this.unheard();
     this.clear();
     this.orbit?.dispose();
     this.orbit = null;
