@@ -103,6 +103,26 @@ def test_parts_and_deep_samples_come_back(tmp_path):
     assert np.array_equal(deep["G"][1], np.concatenate([p for p in channels["G"].ravel() if p is not None]))
 
 
+def test_a_pixel_may_have_very_many_deep_samples(tmp_path):
+    count = 2_000_000
+    channels = {name: np.empty((1, 1), object) for name in "RGBAZ"}
+    for plane in channels.values():
+        plane[0, 0] = np.ones(count, np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    OpenEXR.File(header, channels).write(str(tmp_path / "d.exr"))
+    counts, samples = exr.read(tmp_path / "d.exr").deep["Z"]
+    assert counts[0, 0] == len(samples) == count
+    with pytest.raises(LensError, match="deep samples"):
+        exr.read(tmp_path / "d.exr", limits=Limits(decoded_bytes=1 << 24))
+
+
+def test_options_for_channels_are_refused_for_deep_files(tmp_path):
+    path, _, _ = _deep(tmp_path / "d.exr")
+    for option in ({"depth_channel": "Z"}, {"motion_channels": "u,v"}, {"depth_file": path}):
+        with pytest.raises(LensError, match="is deep: its depth is the channel Z"):
+            frames.read(path, **option)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_every_truncated_file_is_refused(tmp_path, seed):
     data = SEEDS[seed](tmp_path / "a.exr").read_bytes()

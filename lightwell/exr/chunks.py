@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ OFFSET, FLAT_SIZE, DEEP_SIZES = 8, 4, 24
 CODEC_OVERHEAD = 1 << 16
 # Memory that OpenEXR for Python takes for each pixel of a deep channel beside its samples: an array object, bytes.
 DEEP_PIXEL = 120
+# A decoded value: float32, bytes.
+SAMPLE = 4
 
 
 def read_header(path: str | Path, budget: LoadBudget) -> tuple[ExrPart, ...]:
@@ -35,8 +38,7 @@ def read_header(path: str | Path, budget: LoadBudget) -> tuple[ExrPart, ...]:
         header = parse_header(file.read(MOST_HEADER), size)
     for part in header.parts:
         _charge(part, budget)
-    _check_chunks(Path(path), header, size, budget)
-    return header.parts
+    return _check_chunks(Path(path), header, size, budget)
 
 
 def _charge(part: ExrPart, budget: LoadBudget) -> None:
@@ -46,7 +48,7 @@ def _charge(part: ExrPart, budget: LoadBudget) -> None:
 
 
 def memory_of(part: ExrPart) -> int:
-    """Compute the memory of a part's decoded channels, without the samples of deep ones.
+    """Compute the memory of a part's decoded channels, with the samples of deep ones once their number is known.
 
     Args:
         part: A part from ``read_header``.
@@ -54,12 +56,13 @@ def memory_of(part: ExrPart) -> int:
     Returns:
         Bytes.
     """
-    each = DEEP_PIXEL if part.deep else np.dtype(np.float32).itemsize
-    return each * part.window[2] * part.window[3] * len(part.channels)
+    each = DEEP_PIXEL if part.deep else SAMPLE
+    return each * part.window[2] * part.window[3] * len(part.channels) + SAMPLE * part.samples
 
 
-def _check_chunks(path: Path, header: Header, size: int, budget: LoadBudget) -> None:
-    """Check the chunk offset tables, which follow the header, of a file of ``size`` bytes."""
+def _check_chunks(path: Path, header: Header, size: int, budget: LoadBudget) -> tuple[ExrPart, ...]:
+    """Check the chunk offset tables, which follow the header, of a file of ``size`` bytes; return the parts."""
+    parts = []
     at = header.length
     end = at + OFFSET * sum(part.chunks for part in header.parts)
     if end > size:
@@ -77,23 +80,31 @@ def _check_chunks(path: Path, header: Header, size: int, budget: LoadBudget) -> 
         heads = data[offsets.astype(np.int64)[:, None] + np.arange(head)]
         if header.multipart and (heads[:, :4].copy().view("<i4") != number).any():
             raise ExrError("its chunk offset table is damaged")
-        _check_lengths(part, heads, size - offsets.astype(np.int64) - head, budget)
+        parts.append(_check_lengths(part, heads, size - offsets.astype(np.int64) - head, budget))
+    return tuple(parts)
 
 
-def _check_lengths(part: ExrPart, heads: np.ndarray, left: np.ndarray, budget: LoadBudget) -> None:
-    """Check the chunks' sizes: ``heads`` [C, n] are their first bytes, ``left`` [C] the bytes after these."""
+def _check_lengths(part: ExrPart, heads: np.ndarray, left: np.ndarray, budget: LoadBudget) -> ExrPart:
+    """Check the chunks' sizes: ``heads`` [C, n] are their first bytes, ``left`` [C] the bytes after these.
+
+    Returns the part, with the number of its deep samples.
+    """
     if part.deep:
         table, packed, unpacked = heads[:, -DEEP_SIZES:].copy().view("<u8").T
         # Sizes over the file's length would wrap around in a sum.
         if (table > left).any() or (packed > left).any() or (table + packed > left).any():
             raise ExrError("the file ends early: a chunk reaches past its end")
-        budget.charge("decoded_bytes", sum(unpacked.tolist()), "deep samples")
-        return
+        # Every channel has the same number of samples, which are decoded as float32.
+        deep_pixel = sum(PIXEL_BYTES[channel.pixel_type] for channel in part.channels)
+        samples = -(-sum(unpacked.tolist()) // deep_pixel) * len(part.channels)
+        budget.charge("decoded_bytes", SAMPLE * samples, "deep samples")
+        return replace(part, samples=samples)
     packed = heads[:, -FLAT_SIZE:].copy().view("<i4")[:, 0].astype(np.int64)
     if (packed > left).any():
         raise ExrError("the file ends early: a chunk reaches past its end")
     if (packed <= 0).any() or (packed > _raw_bytes(part) + CODEC_OVERHEAD).any():
         raise ExrError("a chunk has an invalid length")
+    return part
 
 
 def _raw_bytes(part: ExrPart) -> int:

@@ -73,6 +73,8 @@ class ExrPart:
     tiles: ExrTiles | None
     chunks: int
     """Entries of its chunk offset table."""
+    samples: int = 0
+    """Samples of a deep part, of all channels together, as its chunks state; 0 until they are read."""
 
     @property
     def deep(self) -> bool:

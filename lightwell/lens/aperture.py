@@ -179,13 +179,15 @@ def read_mask(path: str | Path) -> Aperture:
     """
     from PIL import Image
 
+    from lightwell.lens.pictures import eight_bits
+
     try:
         with Image.open(path) as image:
             if max(image.size) > 16384:
                 raise LensError(
                     f"lens: aperture {path} is {image.size[0]}x{image.size[1]}; 16384 pixels a side at most"
                 )
-            pixels = np.asarray(image.convert("LA"), np.float64) / 255
+            pixels = np.asarray(eight_bits(image).convert("LA"), np.float64) / 255
     except FileNotFoundError:
         raise LensError(f"lens: no aperture picture {path}; give disc, hexagon … or an existing PNG") from None
     except (OSError, SyntaxError, Image.DecompressionBombError) as error:

@@ -106,7 +106,9 @@ def _quality(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--edges", metavar="KIND", default="extend", help="extend, renormalise or dark (default: %(default)s)"
     )
-    group.add_argument("--overscan", type=int, default=0, metavar="PX", help="crop this band from the blurred frame")
+    group.add_argument(
+        "--overscan", type=int, default=0, metavar="PX", help="crop this band afterwards; --sensor is of the rest"
+    )
     group.add_argument("--solver", metavar="NAME", default="", help="dst, fft, 7/5 or 5/3 (default: the preset's)")
     group.add_argument(
         "--choice", metavar="NAME", default="auto", help="auto, stochastic or nearest node (default: %(default)s)"
@@ -118,7 +120,9 @@ def _quality(group: argparse._ArgumentGroup) -> None:
 def _channels(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--view", help="view of a stereo file (default: its first)")
     group.add_argument("--depth-channel", metavar="NAME", help="channel of depth, for example ViewLayer.Depth.Z")
-    group.add_argument("--depth-file", metavar="FILE", help="depth from another file: .exr, or .png with --depth-range")
+    group.add_argument(
+        "--depth-file", metavar="FILE", help="depth from another file: .exr, .png with --depth-range (#### as in FRAME)"
+    )
     group.add_argument("--depth-range", metavar="NEAR,FAR", help="depths that black and white mean in a PNG")
     group.add_argument(
         "--depth", dest="depth_kind", default="auto", help="planar, ray, ray-from-near or inverse (default: by name)"

@@ -40,6 +40,13 @@ def family_of(arguments: argparse.Namespace) -> families.Family:
     noise = {} if arguments.noise is None else {"noise": arguments.noise}
     if arguments.noise is not None and not 1e-5 <= arguments.noise <= 1:
         raise LensError(f"lens: --noise {arguments.noise:g}; use 0.00001 to 1, the default is 0.0025")
+    if arguments.family in ("depth-speed", "cats-eye") and not shape.round:
+        raise LensError(
+            f"lens bake: the family {arguments.family} has a round aperture; leave out --aperture and --blades, or "
+            "give --family depth or shaped-speed"
+        )
+    if arguments.cats_eye and arguments.family != "cats-eye":
+        raise LensError(f"lens bake: --cats-eye is not of the family {arguments.family}; give --family cats-eye")
     if arguments.family == "depth":
         return families.depth(largest, shape, **noise)
     if arguments.family == "depth-speed":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightwell.files import check_writable
 from lightwell.lens import aperture, pyramid
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import Library, load
@@ -135,6 +136,8 @@ def run_check(arguments: argparse.Namespace) -> int:
     if arguments.aperture not in ("disc", *aperture.POLYGONS):
         shape = aperture.parse(arguments.aperture)
     library = load(arguments.library, shape, Limits.parse(getattr(arguments, "limits", ())))
+    if arguments.plot:
+        check_writable(arguments.plot)
     found = check(library, arguments.limit_error, arguments.limit_leak, arguments.node)
     broken = [f for f in found if f.broken]
     pyramids = {}

@@ -51,7 +51,8 @@ def uniform(x: np.ndarray, y: np.ndarray, frame: int, axis: int) -> np.ndarray:
     Reference: Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018.
     """
     along, down = STEPS[axis]
-    shift = pcg(np.full(1, frame * 3 + axis, np.uint32))[0]
+    # Frames before the first have negative numbers; WGSL wraps them around as well.
+    shift = pcg(np.full(1, (frame * 3 + axis) & 0xFFFFFFFF, np.uint32))[0]
     with np.errstate(over="ignore"):
         value = x.astype(np.uint32) * np.uint32(along) + y.astype(np.uint32) * np.uint32(down) + shift
     return (value >> np.uint32(8)).astype(np.float32) * np.float32(2.0**-24)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lightwell.core.color import srgb
 from lightwell.core.store import user_store
 from lightwell.exr.header import Window
-from lightwell.files import whole_file
+from lightwell.files import check_writable, whole_file
 from lightwell.lens import aperture, conventions, exr, frames, prescription
 from lightwell.lens.camera import LensCamera, distance
 from lightwell.lens.errors import LensError
@@ -24,6 +25,19 @@ from lightwell.lens.progress import bars
 from lightwell.lens.report import Report
 from lightwell.lens.settings import LensSettings
 from lightwell.limits import Limits
+
+
+class Job(NamedTuple):
+    """One frame to blur."""
+
+    number: int
+    """Frame number; 0 for a single frame."""
+    source: Path
+    target: Path
+    depth_file: Path | None
+    """File with the depth; None: the frame itself."""
+    following: Path | None
+    """The following frame, where there is one."""
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -51,16 +65,17 @@ def _blur(arguments: argparse.Namespace) -> int:
         raise LensError("lens: no picture to write; name it with -o OUT.exr or -o OUT.png")
     settings = _settings(arguments)
     jobs = list(_jobs(arguments))
+    _check_targets([job.target for job in jobs])
     lines = []
     with bars(arguments.json) as bar:
         lens = Lens(settings, LibraryCache(bar, store=user_store(arguments.store)))
         advance = bar("frames", len(jobs)) if bar and len(jobs) > 1 else None
         convention = None
-        for number, (source, target, following) in enumerate(jobs):
-            facts, convention = _one(arguments, lens, source, target, following, number, convention)
+        for job in jobs:
+            facts, convention = _one(arguments, lens, job, convention)
             lines.append(facts)
             if not arguments.json:
-                print(f"{target}: {facts['line']}")
+                print(f"{job.target}: {facts['line']}")
             if advance:
                 advance(1)
     if arguments.json:
@@ -88,13 +103,13 @@ def _settings(arguments: argparse.Namespace) -> LensSettings:
     )
 
 
-def _jobs(arguments: argparse.Namespace) -> Iterator[tuple[Path, Path, Path | None]]:
-    """Yield (source, target, following source or None) of every frame."""
-    source, target = arguments.frame, arguments.out
+def _jobs(arguments: argparse.Namespace) -> Iterator[Job]:
+    """Yield the frames in their order."""
+    source, target, depth = arguments.frame, arguments.out, arguments.depth_file
     if arguments.frames is None:
-        if "#" in source:
+        if "#" in source and not Path(source).exists():
             raise LensError(f"lens: {source} names a sequence; give the frames, for example --frames 1-48")
-        yield Path(source), Path(target), None
+        yield Job(0, Path(source), Path(target), Path(depth) if depth else None, None)
         return
     first, last = _pair(arguments.frames, "-", "--frames", int)
     if last < first or last - first >= 1_000_000:
@@ -103,20 +118,32 @@ def _jobs(arguments: argparse.Namespace) -> Iterator[tuple[Path, Path, Path | No
         if "#" not in name:
             raise LensError(f"lens: {name} needs #### where the frame's number goes, for --frames {arguments.frames}")
     for number in range(first, last + 1):
-        following = Path(_numbered(source, number + 1))
-        yield (
-            Path(_numbered(source, number)),
-            Path(_numbered(target, number)),
+        following = _numbered(source, number + 1)
+        yield Job(
+            number,
+            _numbered(source, number),
+            _numbered(target, number),
+            (Path(depth) if Path(depth).exists() else _numbered(depth, number)) if depth else None,
             following if following.exists() else None,
         )
 
 
-def _numbered(pattern: str, number: int) -> str:
-    start = pattern.index("#")
-    end = start
-    while end < len(pattern) and pattern[end] == "#":
-        end += 1
-    return pattern[:start] + str(number).zfill(end - start) + pattern[end:]
+def _numbered(pattern: str, number: int) -> Path:
+    """Put a frame's number in the place of the last #### of a name; one without is the same for all frames."""
+    end = pattern.rfind("#") + 1
+    start = len(pattern[:end].rstrip("#"))
+    return Path(pattern[:start] + str(number).zfill(end - start) + pattern[end:] if end else pattern)
+
+
+def _check_targets(targets: Sequence[Path]) -> None:
+    """Refuse pictures that cannot be written, before the work for them begins."""
+    folders: set[Path] = set()
+    for target in targets:
+        if target.suffix.lower() not in (".exr", ".png"):
+            raise LensError(f"lens: cannot write {target}; its name must end in .exr or .png")
+        if target.is_dir() or target.parent not in folders:
+            check_writable(target)
+        folders.add(target.parent)
 
 
 def _pair(text: str, joint: str, option: str, kind: Callable[[str], Any] = float) -> tuple[Any, Any]:
@@ -130,37 +157,47 @@ def _pair(text: str, joint: str, option: str, kind: Callable[[str], Any] = float
 def _one(
     arguments: argparse.Namespace,
     lens: Lens,
-    source: Path,
-    target: Path,
-    following: Path | None,
-    number: int,
+    job: Job,
     convention: conventions.Motion | None,
 ) -> tuple[dict[str, Any], conventions.Motion | None]:
     """Read, blur and write one frame; return a summary and the convention of its motion vectors."""
-    if target.suffix.lower() not in (".exr", ".png"):
-        raise LensError(f"lens: cannot write {target}; its name must end in .exr or .png")
     frame = frames.read(
-        source,
+        job.source,
         arguments.view,
         arguments.depth_channel,
         arguments.motion_channels,
-        arguments.depth_file,
+        job.depth_file,
         _pair(arguments.depth_range, ",", "--depth-range") if arguments.depth_range else None,
         arguments.layers,
         _limits(arguments),
     )
-    camera, depth, behind = _camera(arguments, frame)
-    motion, convention = _motion(arguments, frame, following, convention)
-    out, report = lens.apply(frame.rgba, depth, motion, camera, number, behind=behind, full_width=frame.display[2])
-    crop = arguments.overscan
-    window = frame.window
-    if crop:
-        if min(out.shape[:2]) <= 2 * crop:
-            raise LensError(f"lens: overscan {crop} leaves nothing of {out.shape[1]}x{out.shape[0]} pixels")
-        out = out[crop:-crop, crop:-crop]
-        window = frame.window[0] + crop, frame.window[1] + crop, out.shape[1], out.shape[0]
-    _write(target, out, window, None if crop else frame.display)
-    return _summary(target, camera, frame, report), convention
+    shown = replace(frame, display=_shown(frame, arguments.overscan))
+    camera, depth, behind = _camera(arguments, shown, frame.display)
+    motion, convention = _motion(arguments, frame, job.following, convention)
+    width = shown.display[2]
+    out, report = lens.apply(frame.rgba, depth, motion, camera, job.number, behind=behind, full_width=width)
+    _write(job.target, *_cropped(out, shown, arguments.overscan, frame.display))
+    return _summary(job.target, camera, frame, report), convention
+
+
+def _shown(frame: frames.FrameFile, crop: int) -> Window:
+    """Return the part of the displayed picture that is left when a band is cropped from the frame."""
+    (x0, y0, width, height), (dx, dy, dw, dh) = frame.window, frame.display
+    left, top = max(dx, x0 + crop), max(dy, y0 + crop)
+    right, bottom = min(dx + dw, x0 + width - crop), min(dy + dh, y0 + height - crop)
+    if right <= left or bottom <= top:
+        raise LensError(f"lens: overscan {crop} leaves nothing of {width}x{height} pixels")
+    return left, top, right - left, bottom - top
+
+
+def _cropped(
+    out: np.ndarray, shown: frames.FrameFile, crop: int, before: Window
+) -> tuple[np.ndarray, Window, Window]:  # fmt: skip
+    """Crop a blurred frame; return it, its window and that of the picture, which begins where it did ``before``."""
+    height, width = out.shape[:2]
+    (x0, y0, _, _), (left, top, dw, dh) = shown.window, shown.display
+    window = x0 + crop + before[0] - left, y0 + crop + before[1] - top, width - 2 * crop, height - 2 * crop
+    return out[crop : height - crop, crop : width - crop], window, (before[0], before[1], dw, dh)
 
 
 def _summary(target: Path, camera: LensCamera, frame: frames.FrameFile, report: Report) -> dict[str, Any]:
@@ -181,8 +218,13 @@ def _summary(target: Path, camera: LensCamera, frame: frames.FrameFile, report: 
     }
 
 
-def _camera(arguments: argparse.Namespace, frame: frames.FrameFile) -> tuple[LensCamera, np.ndarray, Any]:
-    """Return camera, planar depth and the layers behind; ray depth depends on the focus distance."""
+def _camera(
+    arguments: argparse.Namespace, frame: frames.FrameFile, whole: Window
+) -> tuple[LensCamera, np.ndarray, Any]:
+    """Return camera, planar depth and the layers behind; ray depth depends on the focus distance.
+
+    The sensor is as wide as the picture that is shown; ``--focus-at`` counts pixels of the ``whole`` one, as rendered.
+    """
     unit = distance(arguments.scene_unit, "--scene-unit", "m")
     lengths = {
         "focal": distance(arguments.focal, "--focal", "mm"),
@@ -195,7 +237,7 @@ def _camera(arguments: argparse.Namespace, frame: frames.FrameFile) -> tuple[Len
     if arguments.focus_at is not None:
         far = LensCamera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
         x, y = _pair(arguments.focus_at, ",", "--focus-at")
-        at_x, at_y = x + frame.display[0] - frame.window[0], y + frame.display[1] - frame.window[1]
+        at_x, at_y = x + whole[0] - frame.window[0], y + whole[1] - frame.window[1]
         focus = frames.focus_at(frame.planar(far, arguments.depth_kind, arguments.near), at_x, at_y) * unit
     if focus is None:
         raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
@@ -223,13 +265,16 @@ def _motion(
         return None, None
     dw, dh = frame.display[2:]
     if words == ["auto"]:
+        # Of a frame in which nothing moves no convention can be told, and none is needed.
+        if not np.any(frame.motion[np.isfinite(frame.motion)]):
+            return None, convention
         if convention is None:
             if following is None:
                 raise LensError("lens: --motion auto compares two frames; give a sequence with --frames A-B")
             convention, _ = conventions.guess_motion(
                 frame.motion,
                 frame.rgba,
-                _aligned(frame, frames.read(following, arguments.view, limits=_limits(arguments))),
+                _aligned(frame, *frames.read_colour(following, arguments.view, _limits(arguments))),
             )
         return convention.pixels(frame.motion, dw, dh), convention
     if words:
@@ -248,18 +293,19 @@ def _limits(arguments: argparse.Namespace) -> Limits:
     return Limits.parse(getattr(arguments, "limits", ()))
 
 
-def _aligned(frame: frames.FrameFile, other: frames.FrameFile) -> np.ndarray:
-    """Return the colour of another frame, shifted to this frame's data window."""
+def _aligned(frame: frames.FrameFile, other: np.ndarray, window: Window) -> np.ndarray:
+    """Return the colour of another frame, shifted from its data window to this frame's."""
     out = np.zeros_like(frame.rgba)
-    dx, dy = other.window[0] - frame.window[0], other.window[1] - frame.window[1]
+    dx, dy = window[0] - frame.window[0], window[1] - frame.window[1]
     h, w = out.shape[:2]
-    rows = slice(max(dy, 0), min(dy + other.rgba.shape[0], h))
-    columns = slice(max(dx, 0), min(dx + other.rgba.shape[1], w))
-    out[rows, columns] = other.rgba[rows.start - dy : rows.stop - dy, columns.start - dx : columns.stop - dx]
+    rows = slice(max(dy, 0), max(min(dy + other.shape[0], h), 0))
+    columns = slice(max(dx, 0), max(min(dx + other.shape[1], w), 0))
+    if rows.start < rows.stop and columns.start < columns.stop:
+        out[rows, columns] = other[rows.start - dy : rows.stop - dy, columns.start - dx : columns.stop - dx]
     return out
 
 
-def _write(path: Path, image: np.ndarray, window: Window, display: Window | None) -> None:
+def _write(path: Path, image: np.ndarray, window: Window, display: Window) -> None:
     if path.suffix.lower() == ".exr":
         exr.write(path, image, window, display)
         return

@@ -97,13 +97,14 @@ class Engine:
         # Dense kernels of nodes that extremely bright pixels used.
         self._dense: dict[int, Spreadlet] = {}
 
-    def plan(self, layer: Layer, report: Report, frame_number: int = 0) -> SolvePlan:
+    def plan(self, layer: Layer, report: Report, frame_number: int = 0, border: int = 0) -> SolvePlan:
         """Choose node, tier and rotation of every pixel of a layer that has light or coverage.
 
         Args:
             layer: The layer.
             report: Report to change.
             frame_number: Frame number, for the dither.
+            border: Pixels on each side of the layer that lie outside the picture.
 
         Returns:
             What the layer scatters.
@@ -114,7 +115,7 @@ class Engine:
             rgba, s = layer.rgba[shining], layer.s[shining].astype(np.float32, copy=False)
             motion = None if layer.motion is None else layer.motion[shining]
             shape = layer.s.shape
-        return self.plan_samples(x, y, rgba, s, motion, shape, report, frame_number)
+        return self.plan_samples(x, y, rgba, s, motion, shape, report, frame_number, border)
 
     def plan_samples(
         self,
@@ -126,6 +127,7 @@ class Engine:
         shape: tuple[int, int],
         report: Report,
         frame_number: int = 0,
+        border: int = 0,
     ) -> SolvePlan:
         """Choose node, tier and rotation of samples.
 
@@ -138,12 +140,13 @@ class Engine:
             shape: Height and width of the frame, pixels.
             report: Report to change.
             frame_number: Frame number, for the dither.
+            border: Pixels on each side of the frame that lie outside the picture; they have the field of its corners.
 
         Returns:
             What the samples scatter.
         """
         with timed(report, "plan"):
-            second, angle, cosine, sine = self._turn(x, y, s, motion, shape)
+            second, angle, cosine, sine = self._turn(x, y, s, motion, shape, border)
             hash_x, hash_y = (np.floor(v).astype(np.int32) for v in (x, y))
             node, clamped = choose(self.family, np.abs(s), second, angle, hash_x, hash_y, frame_number, self.choice)
             report.clamped += clamped
@@ -165,7 +168,13 @@ class Engine:
         return SolvePlan(points, sources, sine is not None)
 
     def _turn(
-        self, x: np.ndarray, y: np.ndarray, s: np.ndarray, motion: np.ndarray | None, shape: tuple[int, ...]
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        s: np.ndarray,
+        motion: np.ndarray | None,
+        shape: tuple[int, ...],
+        border: int,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
         """Return value on the second axis, baked angle, and cosine and sine of the rotation of every pixel."""
         n = len(s)
@@ -181,8 +190,8 @@ class Engine:
             if (lens := self.family.lens) is not None:
                 # The side of the focus is baked: nothing is mirrored.
                 at, side = far * np.float32(lens.pitch / lens.half), (s > 0).astype(np.float32)
-                return at, side, np.where(far > 0, dx / safe, 1), np.where(far > 0, dy / safe, 0)
-            at = far / max(np.hypot(cx, cy), 1e-9)
+                return np.minimum(at, 1), side, np.where(far > 0, dx / safe, 1), np.where(far > 0, dy / safe, 0)
+            at = np.minimum(far / max(np.hypot(cx - border, cy - border), 1e-9), 1)
             return at, none, np.where(far > 0, dx / safe, 1) * sign, np.where(far > 0, dy / safe, 0) * sign
         mx, my = (motion[:, 0], motion[:, 1]) if motion is not None else (none, none)
         length = np.hypot(mx, my)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from lightwell.core.color import linear
+from lightwell.exr.header import Window
 from lightwell.lens import exr
 from lightwell.lens.camera import LensCamera
 from lightwell.lens.conventions import DEPTHS, Motion, planar_depth
@@ -200,15 +201,27 @@ def read(
     if path.suffix.lower() == ".exr":
         found = exr.read(path, view, limits)
         if found.deep:
+            if depth_channel or motion_channels or depth_file:
+                raise LensError(
+                    f"lens: {path} is deep: its depth is the channel Z of its samples, and they have no motion; leave "
+                    "out --depth-channel, --depth-file and --motion-channels"
+                )
             return _deep_frame(found, layers)
         rgba, colour_name = _colour(found.names, path)
         window, display, names = found.window, found.display, found.names
         motion, motion_name = _motion(names, path, motion_channels)
     else:
         rgba = _png(path)
+        if motion_channels is not None:
+            raise LensError(f"lens: {path} is no EXR and has no channels of motion; leave out --motion-channels")
         height, width = rgba.shape[:2]
         window = display = (0, 0, width, height)
         names, motion, motion_name, colour_name = {}, None, "", path.name
+    if depth_range is not None and (depth_file is None or Path(depth_file).suffix.lower() == ".exr"):
+        raise LensError(
+            "lens: --depth-range is for a PNG of --depth-file; an EXR holds the depths themselves; leave it out, or "
+            "give their unit with --scene-unit"
+        )
     if depth_file is not None:
         depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range, limits)
     elif not names:
@@ -228,6 +241,24 @@ def read(
     return _on_display(FrameFile(rgba, depth, motion, kind, motion_kind, window, display, notes=notes))
 
 
+def read_colour(path: str | Path, view: str | None = None, limits: Limits | None = None) -> tuple[np.ndarray, Window]:
+    """Read the colour of a frame alone, which need not have depth.
+
+    Args:
+        path: EXR that is not deep.
+        view: View of a stereo file; None for the first.
+        limits: Limits on what the EXR may request; None for ``Limits()``.
+
+    Returns:
+        Colour [height, width, 4] linear, premultiplied, and its window: x0, y0, width, height.
+
+    Raises:
+        LensError: The file is missing or damaged, or has no colour.
+    """
+    found = exr.read(path, view, limits)
+    return _colour(found.names, Path(path))[0], found.window
+
+
 def _not_finite(rgba: np.ndarray, depth: np.ndarray, motion: np.ndarray | None) -> list[str]:
     """Return a note on pixels that ``apply`` replaces by their neighbours; a depth of infinity is the sky."""
     bad = ~np.isfinite(rgba).all(-1) | np.isnan(depth)
@@ -243,11 +274,14 @@ def _kind(name: str) -> str:
 
 
 def _motion_kind(name: str) -> Motion:
-    """Return the convention of a layer name; Blender's ``Vector``: X, Y to the previous frame, in pixels, y up."""
+    """Return the convention of a layer name.
+
+    Blender's ``Vector``: X, Y to the previous frame, in pixels, y up. Nuke's ``forward``: to the next one, y up.
+    """
     last = name.split(",")[0].rpartition(".")[0].split(".")[-1].lower()
     if last == "vector":
         return Motion("pixels", backward=True, y_up=True)
-    return Motion()
+    return Motion("pixels", y_up=last == "forward")
 
 
 def _on_display(frame: FrameFile) -> FrameFile:
@@ -288,9 +322,11 @@ def _png(path: Path) -> np.ndarray:
 def _open_image(path: Path, mode: str) -> np.ndarray:
     from PIL import Image
 
+    from lightwell.lens.pictures import eight_bits, levels
+
     try:
         with Image.open(path) as image:
-            return np.asarray(image.convert(mode) if mode else image)
+            return np.asarray(eight_bits(image).convert(mode) if mode else levels(image))
     except FileNotFoundError:
         raise LensError(f"lens: no file {path}; name an EXR or PNG picture") from None
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -315,6 +351,8 @@ def _depth_file(
         raise LensError(
             f"lens: {path} has no depth range; give the depths of black and white, for example --depth-range 1,20"
         )
+    if channel is not None:
+        raise LensError(f"lens: {path} is no EXR and has no channel {channel!r}; leave out --depth-channel")
     raw = _open_image(path, "")
     if raw.ndim == 3:
         raw = raw[..., 0]

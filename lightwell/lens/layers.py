@@ -126,9 +126,13 @@ def split(
     # Share of each pixel that lies in front of each cut, then between neighbouring cuts.
     front = [np.clip((cut - s) / SOFT + 0.5, 0, 1).astype(np.float32) for cut in cuts]
     divided = [divide(rgba, s, cut) if antialiased else None for cut in cuts]
-    for one, share in zip(divided, front):
+    mixed, before = _light_before(rgba, front, divided)
+    for i, (one, share) in enumerate(zip(divided, front)):
         if one is not None:
             share[one.mixed] = one.share[one.mixed]
+        if i:
+            # What lies in front of a cut lies in front of all deeper ones.
+            np.maximum(share, front[i - 1], out=share)
     bounds = [np.zeros_like(s, np.float32), *front, np.ones_like(s, np.float32)]
     made = []
     for i in range(len(bounds) - 1):
@@ -136,24 +140,44 @@ def split(
         if weight.max() <= 0:
             continue
         hidden = bounds[i]
-        before, after = divided[i - 1] if i else None, divided[i] if i < len(cuts) else None
-        layer = _with_mixed(Layer(rgba * weight[..., None], s, motion), rgba, before, after)
+        light = rgba * weight[..., None]
+        if mixed is not None:
+            light = np.where(mixed[..., None], before[i + 1] - before[i], light)
+        sides = divided[i - 1] if i else None, divided[i] if i < len(cuts) else None
+        layer = Layer(light.astype(np.float32, copy=False), _depth_of_mixed(s, *sides), motion)
         made.append(
             layer if hidden.max() <= 0 else _filled(layer, weight, hidden, bounds[i + 1], reach, peel, cuts[i - 1])
         )
     return made
 
 
-def _with_mixed(layer: Layer, rgba: np.ndarray, before: Divided | None, after: Divided | None) -> Layer:
-    """Give a layer its part of mixed pixels: it lies behind the cut ``before`` it and in front of that ``after`` it."""
-    light, s = layer.rgba, layer.s
+def _light_before(
+    rgba: np.ndarray, front: list[np.ndarray], divided: list[Divided | None]
+) -> tuple[np.ndarray | None, list[np.ndarray]]:
+    """Return which pixels any cut divides, and the light [height, width, 4] in front of each cut and of none and all.
+
+    A pixel may be divided by several cuts. What lies in front of one lies in front of all deeper ones too, so that the
+    differences of neighbours, which are the layers' light, are not negative and sum to the pixel's. None and an empty
+    list where nothing is divided.
+    """
+    masks = [one.mixed for one in divided if one is not None]
+    if not masks:
+        return None, []
+    found = [np.zeros_like(rgba)]
+    for share, one in zip(front, divided):
+        light = rgba * share[..., None]
+        if one is not None:
+            light = np.where(one.mixed[..., None], one.light, light)
+        found.append(np.maximum(light, found[-1]))
+    return np.any(masks, axis=0), [*found, rgba]
+
+
+def _depth_of_mixed(s: np.ndarray, before: Divided | None, after: Divided | None) -> np.ndarray:
+    """Return s with that of the layer's own surfaces at mixed pixels: behind a cut, and in front of the next one."""
     for one, is_front in ((before, False), (after, True)):
-        if one is None:
-            continue
-        mine = one.light if is_front else rgba - one.light
-        light = np.where(one.mixed[..., None], mine, light)
-        s = np.where(one.mixed, one.front if is_front else one.back, s)
-    return Layer(light.astype(np.float32, copy=False), s.astype(np.float32, copy=False), layer.motion)
+        if one is not None:
+            s = np.where(one.mixed, one.front if is_front else one.back, s)
+    return s.astype(np.float32, copy=False)
 
 
 def _filled(

@@ -77,10 +77,12 @@ class Lens:
         mounted = None
         if self.settings.prescription is not None:
             mounted = mount(self.settings.prescription, camera, full_width or np.shape(depth)[-1], np.shape(depth)[0])
+        # Arrays wider than the picture have a band around it on all sides.
+        overscan = max(np.shape(depth)[-1] - (full_width or np.shape(depth)[-1]), 0) // 2
         pictures = []
         for number, layer in enumerate(layers):
             layer, pad = widen(layer, self.settings.white) if self.settings.edges == "extend" else (layer, 0)
-            picture = self._blurred(layer, report, frame_number * 16 + number, mounted)
+            picture = self._blurred(layer, report, frame_number * 16 + number, mounted, pad + overscan)
             pictures.append(tidy(picture[pad : picture.shape[0] - pad, pad : picture.shape[1] - pad]))
         with timed(report, "composite"):
             out = composite(pictures)
@@ -90,12 +92,12 @@ class Lens:
         return out.astype(np.float32, copy=False), report
 
     def _blurred(
-        self, layer: Layer, report: Report, frame_number: int, mounted: MountedLens | None
+        self, layer: Layer, report: Report, frame_number: int, mounted: MountedLens | None, border: int
     ) -> np.ndarray:  # fmt: skip
         """Blur a layer, in bands of rows where it is large; a band has what its rows receive from those around it."""
         bands = self._bands(layer, mounted)
         if len(bands) == 1:
-            return self.blur(layer, report, frame_number, mounted)
+            return self.blur(layer, report, frame_number, mounted, border)
         # Channel by channel, as the solve leaves it: what follows reads whole channels.
         height, width = layer.s.shape
         out = np.empty((4, height, width), np.float32).transpose(1, 2, 0)
@@ -121,8 +123,13 @@ class Lens:
         return [(first, last, margin) for first, last in pairwise(edges)]
 
     def blur(
-        self, layer: Layer, report: Report, frame_number: int = 0, mounted: MountedLens | None = None
-    ) -> np.ndarray:  # fmt: skip
+        self,
+        layer: Layer,
+        report: Report,
+        frame_number: int = 0,
+        mounted: MountedLens | None = None,
+        border: int = 0,
+    ) -> np.ndarray:
         """Blur one layer: static pixels by the library without motion, moving ones by the joint one, with one solve.
 
         Args:
@@ -130,6 +137,7 @@ class Lens:
             report: Report to change.
             frame_number: Frame number, for the dither.
             mounted: Lens of the prescription on its camera; None without one.
+            border: Pixels on each side of the layer that lie outside the picture.
 
         Returns:
             Blurred layer [height, width, 4] float32, premultiplied.
@@ -137,7 +145,7 @@ class Lens:
         plans, engine = [], None
         for part, largest, longest in self._parts(layer):
             engine = self._engine(largest, longest, mounted)
-            plans.append(engine.plan(part, report, frame_number))
+            plans.append(engine.plan(part, report, frame_number, border))
         if engine is None:
             return np.zeros((*layer.s.shape, 4), np.float32)
         return engine.render(plans, layer.s.shape, report, self._scatter())
@@ -151,6 +159,7 @@ class Lens:
         motion: np.ndarray | None,
         shape: tuple[int, int],
         report: Report,
+        border: int = 0,
     ) -> np.ndarray:
         """Blur samples at whole pixels, any number per pixel, and add them.
 
@@ -162,6 +171,7 @@ class Lens:
             motion: Displacement while the shutter is open [n, 2], pixels; None for none.
             shape: Height and width of the frame, pixels.
             report: Report to change.
+            border: Pixels on each side of the frame that lie outside the picture.
 
         Returns:
             Picture [height, width, 4] float32.
@@ -179,7 +189,7 @@ class Lens:
             engine = self._engine(float(np.abs(s[mine]).max()), float(length[mine].max()) if moving else 0.0)
             part = motion[mine] if motion is not None and moving else None
             place = x[mine].astype(np.int32), y[mine].astype(np.int32)
-            plans.append(engine.plan_samples(*place, rgba[mine], s[mine], part, shape, report))
+            plans.append(engine.plan_samples(*place, rgba[mine], s[mine], part, shape, report, border=border))
         if engine is None:
             return np.zeros((*shape, 4), np.float32)
         return engine.render(plans, shape, report, self._scatter())

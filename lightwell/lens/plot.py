@@ -26,7 +26,13 @@ def _signed(image: np.ndarray, top: float) -> np.ndarray:
 
 
 def _large(image: np.ndarray) -> np.ndarray:
-    """Enlarge by a whole number into a square panel."""
+    """Enlarge or reduce by a whole number into a square panel."""
+    shrink = -(-max(image.shape[:2]) // PANEL)
+    if shrink > 1:
+        pads = [(0, -n % shrink) for n in image.shape[:2]]
+        whole = np.pad(image, (*pads, (0, 0)), mode="edge").astype(np.float64)
+        blocks = whole.reshape(whole.shape[0] // shrink, shrink, whole.shape[1] // shrink, shrink, 3)
+        image = np.rint(blocks.mean((1, 3))).astype(np.uint8)
     factor = max(PANEL // max(image.shape[:2]), 1)
     big = image.repeat(factor, 0).repeat(factor, 1)[:PANEL, :PANEL]
     panel = np.full((PANEL, PANEL, 3), 40, np.uint8)

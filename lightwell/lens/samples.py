@@ -112,7 +112,7 @@ def _spread(
             corners.append((ix[seen] + ox + margin, iy[seen] + oy + margin, light.astype(np.float32)))
     at_x, at_y, lights = (np.concatenate(parts) for parts in zip(*corners))
     moved = None if motion is None else np.tile(motion[seen], (4, 1))
-    picture = lens.blur_samples(at_x, at_y, lights, np.tile(s[seen], 4), moved, shape, report)
+    picture = lens.blur_samples(at_x, at_y, lights, np.tile(s[seen], 4), moved, shape, report, margin)
     picture = picture[margin : margin + height, margin : margin + width]
     weight = picture[..., 3:]
     rgb = np.maximum(picture[..., :3], 0) / np.maximum(weight, FAINT)

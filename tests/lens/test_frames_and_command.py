@@ -9,7 +9,7 @@ from PIL import Image
 
 from lightwell.cli import main
 from lightwell.exr import decoding
-from lightwell.lens import Camera, LensError, exr, frames
+from lightwell.lens import Camera, LensError, aperture, exr, frames
 from lightwell.lens.conventions import Motion, guess_motion, planar_depth
 from tests.same_process import SameProcess
 
@@ -56,6 +56,12 @@ def test_blender_vectors_point_backwards_and_up(tmp_path):
     frame = frames.read(write_exr(tmp_path / "f.exr", channels))
     motion = frame.motion_kind.pixels(frame.motion, W, H)
     assert motion[0, 0] == pytest.approx([-3, 4])
+
+
+def test_vectors_of_nuke_point_forwards_and_up(tmp_path):
+    vectors = {"forward.u": np.full((H, W), 3.0), "forward.v": np.full((H, W), 4.0)}
+    frame = frames.read(write_exr(tmp_path / "f.exr", colour() | {"Z": depth()} | vectors))
+    assert frame.motion_kind.pixels(frame.motion, W, H)[0, 0] == pytest.approx([3, -4])
 
 
 def test_ray_depth_of_mitsuba_becomes_planar():
@@ -122,6 +128,51 @@ def test_one_frame_from_the_command_line(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["focus_m"] == 5 and exr.read(out).names["R"].shape == (H - 8, W - 8)
 
 
+def test_overscan_leaves_a_whole_picture_of_the_same_blur(tmp_path, capsys):
+    source = write_exr(tmp_path / "f.exr", colour() | {"Z": depth()})
+    found = []
+    for crop in (0, 8):
+        out = tmp_path / f"{crop}.exr"
+        assert main(["lens", source, "-o", str(out), "--focus", "1m", "--overscan", str(crop), "--json"]) == 0
+        made = exr.read(out)
+        assert made.window == made.display == (0, 0, W - 2 * crop, H - 2 * crop)
+        found.append(json.loads(capsys.readouterr().out)["largest_px"])
+    # The sensor is as wide as the picture that is left.
+    assert found[1] / found[0] == pytest.approx((W - 16) / W, rel=1e-2)
+
+
+def test_overscan_beyond_the_display_window(tmp_path):
+    box = np.array([-6, -6], np.int32), np.array([W - 7, H - 7], np.int32)
+    shown = np.array([0, 0], np.int32), np.array([W - 13, H - 13], np.int32)
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    header |= {"dataWindow": box, "displayWindow": shown}
+    planes = {k: np.ascontiguousarray(v, np.float32) for k, v in (colour() | {"Z": depth()}).items()}
+    OpenEXR.File(header, planes).write(str(tmp_path / "f.exr"))
+    for crop, window in ((2, (-4, -4, W - 4, H - 4)), (6, (0, 0, W - 12, H - 12))):
+        out = tmp_path / f"{crop}.exr"
+        argv = ["lens", str(tmp_path / "f.exr"), "-o", str(out), "--focus", "1m", "--overscan", str(crop)]
+        assert main(argv) == 0
+        made = OpenEXR.File(str(out)).parts[0].header
+        low, high = (tuple(int(v) for v in edge) for edge in made["dataWindow"])
+        assert (*low, high[0] - low[0] + 1, high[1] - low[1] + 1) == window
+        assert exr.read(out).display == (0, 0, W - 12, H - 12)
+
+
+def test_grey_pictures_of_16_bits_and_palettes_keep_their_values(tmp_path):
+    Image.fromarray(np.full((H, W), 32896, np.uint16)).save(tmp_path / "f.png")
+    grey = np.full((H, W), 20, np.uint8)
+    grey[:, 9:] = 240
+    Image.fromarray(grey).convert("RGB").convert("P", palette=Image.Palette.ADAPTIVE).save(tmp_path / "d.png")
+    frame = frames.read(tmp_path / "f.png", depth_file=tmp_path / "d.png", depth_range=(0, 255))
+    assert np.allclose(frame.depth, grey) and frame.rgba[0, 0, 0] == pytest.approx(0.216, abs=1e-3)
+    # Half open, and not white, on the right.
+    Image.fromarray(np.where(np.arange(40) < 20, 65535, 32768).astype(np.uint16) * np.ones((40, 1), np.uint16)).save(
+        tmp_path / "mask.png"
+    )
+    mask = aperture.read_mask(tmp_path / "mask.png")
+    assert mask(np.array([0.4]), np.array([0.0]))[0] == pytest.approx(0.5, abs=0.01)
+
+
 def test_png_with_a_depth_picture(tmp_path):
     Image.fromarray(np.full((H, W, 3), 128, np.uint8)).save(tmp_path / "f.png")
     Image.fromarray((depth() / 5 * 65535).astype(np.uint16)).save(tmp_path / "d.png")
@@ -143,6 +194,40 @@ def test_a_sequence_with_motion_found_by_itself(tmp_path, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert len(facts) == 3 and all(f["longest_px"] == pytest.approx(2) for f in facts)
     assert len(list(tmp_path.glob("o.*.exr"))) == 3
+    # A frame by itself is what it is within the sequence.
+    alone = [*argv[:3], str(tmp_path / "alone.####.exr"), *argv[4:], "--frames", "1-1", "--motion", "pixels"]
+    assert main([*alone, "--layers", "1"]) == 0
+    one, other = (exr.read(tmp_path / f"{name}.0001.exr").names for name in ("o", "alone"))
+    assert all(np.array_equal(one[channel], other[channel]) for channel in "RGBA")
+
+
+def test_a_sequence_of_still_frames_and_depth_by_another_name(tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    texture = rng.random((H // 2, W)).repeat(2, 0)
+    # Nothing moves before frame 2.
+    for i, (at, speed) in enumerate(((0, 0), (0, 4), (4, 4))):
+        vectors = {"motion.u": np.full((H, W), speed), "motion.v": np.zeros((H, W))}
+        planes = {c: np.roll(texture, at, 1) for c in "RGB"} | {"how far": depth()} | vectors
+        write_exr(tmp_path / f"s.{i}.exr", planes)
+    argv = ["lens", str(tmp_path / "s.#.exr"), "-o", str(tmp_path / "o.#.exr"), "--focus", "2m", "--json"]
+    assert main([*argv, "--frames", "0-2", "--motion", "auto", "--depth-channel", "how far", "--layers", "1"]) == 0
+    assert [f["longest_px"] for f in json.loads(capsys.readouterr().out)] == pytest.approx([0, 2, 2])
+
+
+def test_a_sequence_with_depth_files_in_a_folder_with_a_hash(tmp_path, capsys):
+    folder = tmp_path / "C#"
+    folder.mkdir()
+    for i in (7, 8):
+        Image.fromarray(np.full((H, W, 3), 128, np.uint8)).save(folder / f"f.{i:02}.png")
+        Image.fromarray(np.full((H, W), i, np.uint8)).save(folder / f"d.{i:02}.png")
+    argv = ["lens", str(folder / "f.##.png"), "-o", str(folder / "o.##.png"), "--focus", "7m", "--json"]
+    argv += ["--depth-file", str(folder / "d.##.png"), "--depth-range", "0,255"]
+    assert main([*argv, "--frames", "7-8"]) == 0
+    first, second = (f["largest_px"] for f in json.loads(capsys.readouterr().out))
+    assert first == 0 and second > 0 and (folder / "o.08.png").exists()
+    # A file whose name has the character is no sequence.
+    one = ["lens", str(folder / "f.07.png"), "-o", str(folder / "o.png"), "--depth-file", str(folder / "d.07.png")]
+    assert main([*one, "--depth-range", "0,255", "--focus", "7m"]) == 0
 
 
 GOOD = ["--focus", "2m"]
@@ -179,6 +264,7 @@ GOOD = ["--focus", "2m"]
         (colour() | {"Z": depth()}, [*GOOD, "--overscan", "40"], "leaves nothing"),
         (colour() | {"Z": depth()}, [*GOOD, "--frames", "1-2"], "needs ####"),
         (colour() | {"Z": depth()}, [*GOOD, "--largest", "0"], "must be above 0"),
+        (colour() | {"Z": depth()}, [*GOOD, "--depth-range", "1,20"], "is for a PNG of --depth-file"),
     ],
 )
 def test_mistakes_are_one_line_with_a_cure(tmp_path, capsys, channels, extra, text):
@@ -197,6 +283,7 @@ def test_files_that_cannot_be_read(tmp_path, capsys):
     Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "black.png")
     source = write_exr(tmp_path / "f.exr", colour() | {"Z": depth()})
     out = ["-o", str(tmp_path / "o.exr"), *GOOD]
+    png = ["--depth-file", str(tmp_path / "black.png")]
     for argv, text in (
         ([str(tmp_path / "none.exr"), *out], "no file"),
         ([str(tmp_path / "bad.exr"), *out], "cannot read"),
@@ -206,6 +293,10 @@ def test_files_that_cannot_be_read(tmp_path, capsys):
         ([source, "-o", str(tmp_path / "o.jpg"), *GOOD], "must end in .exr or .png"),
         ([source, *GOOD], "no picture to write"),
         ([source, "-o", str(tmp_path / "no" / "o.exr"), *GOOD], "cannot write"),
+        # Before any work: the frame is not even read.
+        ([str(tmp_path / "bad.exr"), "-o", str(tmp_path / "no" / "o.exr"), *GOOD], "cannot write"),
+        ([str(tmp_path / "black.png"), *out, "--motion-channels", "u,v"], "has no channels of motion"),
+        ([str(tmp_path / "black.png"), *out, *png, "--depth-range", "1,2", "--depth-channel", "Z"], "no channel 'Z'"),
     ):
         assert main(["lens", *argv]) == 2
         error = capsys.readouterr().err

@@ -13,6 +13,7 @@ from lightwell.lens.check import check
 from lightwell.lens.errors import LensError
 from lightwell.lens.library import MAGIC, Library, load, loads, two_arrays
 from lightwell.lens.library_cache import LibraryCache
+from lightwell.lens.plot import PANEL, panels
 from lightwell.lens.recipes import Recipe, lossless
 from lightwell.lens.spreadlet import CHARGE, Spreadlet
 from lightwell.limits import Limits
@@ -163,6 +164,34 @@ def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
     assert main(["lens", "check", str(tmp_path / "faulty.lwsp"), "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["broken"] > 0
     assert main(["lens", "check", str(tmp_path / "none.lwsp")]) == 2
+
+
+@pytest.mark.parametrize(
+    "options, text",
+    [
+        (["--family", "depth-speed", "--aperture", "hexagon"], "the family depth-speed has a round aperture"),
+        (["--family", "cats-eye", "--blades", "5"], "the family cats-eye has a round aperture"),
+        (["--cats-eye", "1"], "--cats-eye is not of the family depth"),
+    ],
+)
+def test_shapes_that_a_family_does_not_have_are_refused(tmp_path, capsys, options, text):
+    assert main(["lens", "bake", str(tmp_path / "d.lwsp"), "--largest", "1", *options]) == 2
+    error = capsys.readouterr().err
+    assert text in error and error.strip().count("\n") == 0
+
+
+def test_a_plot_that_cannot_be_written_is_told_before_the_check(library, tmp_path, capsys):
+    library.save(tmp_path / "d.lwsp")
+    argv = ["lens", "check", str(tmp_path / "d.lwsp"), "--plot", str(tmp_path / "no" / "p.png"), "--node", "9999"]
+    assert main(argv) == 2 and "cannot write" in capsys.readouterr().err
+
+
+def test_kernels_larger_than_a_panel_are_drawn_whole():
+    corner = np.zeros((701, 701))
+    corner[690:, 690:] = 1
+    panel = panels(corner, corner, corner)[:, :PANEL, 0]
+    rows, columns = np.nonzero(panel == 255)
+    assert len(rows) and min(rows.min(), columns.min()) > PANEL // 2
 
 
 def test_a_library_that_cannot_be_written_is_told_before_the_bake(tmp_path, monkeypatch, capsys):

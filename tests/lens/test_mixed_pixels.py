@@ -43,6 +43,16 @@ def test_light_of_the_edge_is_divided(width):
     assert divided[0] < 0.5 * plain[0] and divided[1] < 0.9 * plain[1] and divided[2] < 0.6 * plain[2]
 
 
+def test_light_divided_by_two_cuts_is_not_counted_twice():
+    picture, s, exact, _ = line(3.0)
+    # A table between line and wall, which the line crosses: three layers, and edges of the line that both cuts divide.
+    s[40:][s[40:] > 0] = -2.0
+    wall = slice(4, 28)
+    front, middle, _ = split(picture, s, None, 3, 4, None, True)
+    assert middle.rgba[wall].max() < 0.02, "the table is not there"
+    assert front.rgba[wall, :, 0].sum() == pytest.approx(exact[wall, :, 0].sum(), rel=0.05)
+
+
 def test_no_light_is_lost_or_made():
     picture, s, _, _ = line(3.0)
     found = divide(picture, s, -2.0)

@@ -293,6 +293,26 @@ def test_cats_eye_runs_and_keeps_energy():
     assert towards < 0.75 * across, "narrow along the field's radius"
 
 
+def test_cats_eye_does_not_depend_on_what_is_guessed_outside_the_frame():
+    rgba = np.zeros((101, 101, 4))
+    rgba[..., 3] = 1
+    rgba[20, 20, :3] = 1
+    same = {"cats_eye": 1.0, "layers": 1, "choice": "nearest"}
+    camera = camera_for({5.0: 10.0}, 101)
+    found = [run(rgba, np.full((101, 101), 5.0), camera, edges=edges, **same) for edges in ("dark", "extend")]
+    dark, extended = (out[8:33, 8:33, 0] for out, _ in found)
+    assert np.abs(extended - dark).max() < 0.02 * dark.max()
+    assert found[1][1].clamped == 0
+
+
+def test_frames_before_the_first_have_numbers_too():
+    rgba = np.full((24, 24, 4), 0.5, np.float32)
+    motion = np.full((24, 24, 2), 3.0, np.float32)
+    settings = LensSettings(layers=1)
+    out, _ = Lens(settings).apply(rgba, np.full((24, 24), 5.0), motion, camera_for({5.0: 2.0}, 24), frame_number=-7)
+    assert np.isfinite(out).all()
+
+
 def test_polygon_with_motion_uses_the_baked_angle():
     rgba = np.zeros((61, 61, 4))
     rgba[30, 30] = 1
