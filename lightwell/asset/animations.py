@@ -21,6 +21,10 @@ _LAMPS = f"/extensions/{EXTENSION}/"
 _LAMP = re.compile(r"lamps/(0|[1-9]\d{0,3})/(intensity|color)\Z")
 # Animations of lamps in one file at most: the extension's limit (format/LIGHTWELL_neural_radiance.md).
 MOST_CLIPS = 64
+# Nodes that an animation whose time is a variable moves, at most: another limit of the extension.
+MOST_PARTS = 32
+# glTF component type of 32-bit floats.
+FLOAT = 5126
 _TYPES = {"intensity": "SCALAR", "color": "VEC3"}
 
 
@@ -94,11 +98,49 @@ class _Animation:
         self.json["channels"].append({"sampler": self._samplers[known], "target": target})
 
 
-def pointer_problems(document: dict[str, Any]) -> list[str]:
-    """List the channels that name a lamp wrongly.
+def moving_problems(document: dict[str, Any]) -> list[str]:
+    """List the variables that name a node or an animation wrongly: nothing would follow their sliders.
+
+    Args:
+        document: glTF JSON whose extension follows the schema; unexpected types elsewhere raise what ``refusing``
+            expects.
+
+    Returns:
+        One line per problem.
+    """
+    problems: list[str] = []
+    for i, variable in enumerate(document["extensions"][EXTENSION]["variables"]):
+        where, kind = f"variables[{i}]", variable["kind"]
+        table = {"node": "nodes", "clip": "animations"}.get(kind)
+        if table is None:
+            continue
+        name = table.removesuffix("s")
+        if variable[name] >= len(document.get(table, ())):
+            problems.append(f"{where}.{name}: there is no {name} {variable[name]}; name one of the file")
+        elif kind == "clip":
+            problems += _clip_problems(document, where, variable["animation"])
+    return problems
+
+
+def _clip_problems(document: dict[str, Any], where: str, index: int) -> list[str]:
+    """What keeps an animation from being a variable."""
+    targets = [channel["target"] for channel in document["animations"][index]["channels"]]
+    nodes = {target.get("node", -1) for target in targets}
+    if any(target["path"] not in ("rotation", "translation") for target in targets):
+        return [f"{where}.animation: animation {index} changes more than rotations and translations; name another one"]
+    if not all(0 <= node < len(document.get("nodes", ())) for node in nodes):
+        return [f"{where}.animation: animation {index} moves a node that is not there; name one of the file"]
+    if len(nodes) > MOST_PARTS:
+        return [f"{where}.animation: animation {index} moves {len(nodes)} nodes, more than {MOST_PARTS}; move fewer"]
+    return []
+
+
+def pointer_problems(document: dict[str, Any], binary: bytes) -> list[str]:
+    """List the channels that name a lamp wrongly, or give it no value for each time.
 
     Args:
         document: glTF JSON with lamps, untrusted; unexpected types raise what ``refusing`` expects.
+        binary: Content of the binary chunk.
 
     Returns:
         One line per problem.
@@ -113,7 +155,7 @@ def pointer_problems(document: dict[str, Any]) -> list[str]:
                 continue
             used.add(i)
             where = f"animations[{i}].channels[{k}]"
-            problems += _problems(document, where, pointer, animation["samplers"][channel["sampler"]])
+            problems += _problems(document, binary, where, pointer, animation["samplers"][channel["sampler"]])
     if used and POINTER not in document.get("extensionsUsed", ()):
         problems.append(f"extensionsUsed: {POINTER} is missing; list it")
     if len(used) > MOST_CLIPS:
@@ -121,7 +163,7 @@ def pointer_problems(document: dict[str, Any]) -> list[str]:
     return problems
 
 
-def _problems(document: dict[str, Any], where: str, pointer: str, sampler: dict[str, Any]) -> list[str]:
+def _problems(document: dict[str, Any], binary: bytes, where: str, pointer: str, sampler: dict[str, Any]) -> list[str]:
     lamps = document["extensions"][EXTENSION].get("lamps", ())
     match = _LAMP.match(pointer.removeprefix(_LAMPS))
     if match is None:
@@ -131,4 +173,26 @@ def _problems(document: dict[str, Any], where: str, pointer: str, sampler: dict[
     found = document["accessors"][sampler["output"]]["type"]
     if found != _TYPES[match[2]]:
         return [f"{where}: its values have type {str(found)[:20]}, expected {_TYPES[match[2]]}"]
+    times, values = (document["accessors"][sampler[name]] for name in ("input", "output"))
+    each = 3 if sampler.get("interpolation") == "CUBICSPLINE" else 1
+    if values["count"] != each * times["count"]:
+        return [f"{where}: {values['count']} values for {times['count']} times, expected {each} for each"]
+    found = _floats(document, binary, times)
+    if found is not None and not (found.size and found[0] >= 0 and (np.diff(found) > 0).all()):
+        return [f"{where}: expected times that increase and are not negative; write its keys in order"]
+    found = _floats(document, binary, values)
+    if found is not None and not np.isfinite(found).all():
+        return [f"{where}: expected finite values, found NaN or infinity; write its keys again"]
     return []
+
+
+def _floats(document: dict[str, Any], binary: bytes, accessor: dict[str, Any]) -> np.ndarray | None:
+    """The numbers of an accessor of floats that lie one after the other in the file; None for others."""
+    view = document["bufferViews"][accessor["bufferView"]] if "bufferView" in accessor else {}
+    packed = view.get("buffer") == 0 and not view.keys() & {"byteStride", "extensions"}
+    if not packed or accessor["componentType"] != FLOAT or "sparse" in accessor:
+        return None
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    count = accessor["count"] * {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
+    data = binary[start : start + 4 * count]
+    return np.frombuffer(data, "<f4") if len(data) == 4 * count else None

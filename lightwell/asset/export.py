@@ -27,6 +27,8 @@ from lightwell.graph.pictures import encode
 from lightwell.limits import Limits
 
 TARGETS = ("glsl", "wgsl", "shadertoy", "hlsl", "msl", "gdshader")
+# Where weights may be; the empty word chooses by the size of the network.
+WEIGHTS = ("", "inline", "table")
 # Default ending of the written file.
 ENDINGS = {
     "glsl": ".glsl",
@@ -85,10 +87,13 @@ def export_field(
         The shader and the data that its host must bind.
 
     Raises:
-        ValueError: The target or the field is unknown, the asset is not valid, or the field cannot be printed.
+        ValueError: The target, the field or the place of the weights is unknown, the asset is not valid, or the field
+            cannot be printed.
     """
     if to not in TARGETS:
         raise ValueError(f"export: expected --to {', '.join(TARGETS)}, found '{to}'; choose one of them")
+    if weights not in WEIGHTS:
+        raise ValueError(f"export: expected --weights inline or table, found '{weights}'; choose one of them")
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
     fields, probes, variables = read_light(path, limits)
     entry = _named([*fields, *(replace(entry, name=PROBES + entry.name) for entry in probes)], field, path)

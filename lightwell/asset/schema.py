@@ -67,6 +67,13 @@ def _check_references(extension: dict[str, Any]) -> None:
     for i, variable in enumerate(extension["variables"]):
         where = f"{EXTENSION}.variables[{i}]"
         _check_sky(variable.get("sky"), f"{where}.sky")
+        if variable["kind"] == "point" and any(low > high for low, high in zip(variable["low"], variable["high"])):
+            raise ValueError(f"{where}.low: expected no number above that of high")
+        for name in ("start", "middle", "end") if variable["kind"] == "sun" else ():
+            if not any(variable[name]):
+                raise ValueError(f"{where}.{name}: expected a direction, found zero")
+        if variable["kind"] in ("sun", "environment") and not any(variable["initial"]):
+            raise ValueError(f"{where}.initial: expected a direction, found zero")
         if variable["kind"] == "environment" and not 0 < variable["range"][1] - variable["range"][0] <= WHOLE_TURN:
             raise ValueError(f"{where}.range: expected two increasing angles, at most {WHOLE_TURN:g} degrees apart")
     if sum(variable["kind"] == "environment" for variable in extension["variables"]) > 1:

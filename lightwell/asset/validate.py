@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lightwell.asset.animations import pointer_problems
+from lightwell.asset.animations import moving_problems, pointer_problems
 from lightwell.asset.container import read_file, refusing
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION
@@ -19,8 +19,8 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     """List the places where a GLB does not follow the specification.
 
     The JSON, every buffer and every graph are read as a viewer would read them. In addition the extension must be
-    declared and optional, meshes must have the texture coordinates that a field reads, and animations of lamps must
-    name lamps that exist.
+    declared and optional, meshes must have the texture coordinates that a field reads, what moves must be a node or an
+    animation of the file, and animations of lamps must name lamps that exist and have a value for each time.
 
     Args:
         path: A GLB, or the folder of a bake.
@@ -30,7 +30,7 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
         One line per problem; empty when the file follows the specification.
     """
     path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
-    document, _ = read_file(path, limits)
+    document, binary = read_file(path, limits)
     try:
         fields, _ = read_fields(path, limits)
     except ValueError as error:
@@ -44,7 +44,7 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     wanted = {ATTRIBUTES[name] for field in fields for name in field.graph.inputs if name in ATTRIBUTES}
     with refusing(path):
         problems += _missing_coordinates(document, wanted) + _missing_nodes(document) + _missing_environment(document)
-        return problems + pointer_problems(document)
+        return problems + moving_problems(document) + pointer_problems(document, binary)
 
 
 def _missing_nodes(document: dict[str, Any]) -> list[str]:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import sys
 import threading
@@ -43,6 +44,10 @@ RECOUNT = 60.0
 ABANDONED = 24 * 3600.0
 # Endings of files that are being written, and of locks.
 PART, LOCK = ".part", ".lock"
+# Names of entries (``Store._path``), and of what is beside them while they are written. Others are files of the user,
+# which are neither counted nor removed.
+_ENTRY = re.compile(r"[0-9a-f]{40}\.[a-z0-9]+")
+_BESIDE = re.compile(r"\.[0-9a-f]{4,40}\.[a-z0-9]+(\.\d+)*(\.part|\.lock)")
 
 
 def default_folder() -> Path:
@@ -191,7 +196,7 @@ class Store:
         """
         found = []
         for path in self.folder.glob("*/*"):
-            if path.name.startswith(".") or path.suffix in (PART, LOCK):
+            if not _ENTRY.fullmatch(path.name):
                 continue
             try:
                 found.append(Entry(path, path.parent.name, _size(path), path.stat().st_mtime))
@@ -218,9 +223,9 @@ class Store:
             age: Least age of the files that are removed, seconds.
         """
         oldest = time.time() - age
-        for path in [*self.folder.glob(f"*/.*{PART}"), *self.folder.glob(f"*/.*{LOCK}")]:
+        for path in self.folder.glob("*/.*"):
             try:
-                if path.stat().st_mtime <= oldest:
+                if _BESIDE.fullmatch(path.name) and path.stat().st_mtime <= oldest:
                     _delete(path)
             except OSError:
                 continue

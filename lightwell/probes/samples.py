@@ -9,7 +9,9 @@ bake. Notation: I samples, S light states.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -140,9 +142,13 @@ def sample_light(
     """
     light = np.empty((1 if lights is None else len(lights), len(at), 9, 3), np.float32)
     noise = np.empty(len(at))
+    more: dict[str, Any] = {"direct": sampling.direct, "variable": variable, "lights": lights}
+
+    def traced(rows: np.ndarray, paths: int, seed: int) -> np.ndarray:
+        return light_of_states(scene, at[rows], paths, seed, number[rows], **more)
+
     for rows in _whole_cells(own, points_at_once(lights, at_once)):
-        here = (at[rows], number[rows], own[rows])
-        light[:, rows], noise[rows] = _some(scene, *here, sampling, seed, variable, lights)
+        light[:, rows], noise[rows] = _some(traced, rows, own[rows], sampling, seed)
     return light[0] if lights is None else light, noise
 
 
@@ -165,22 +171,21 @@ def _whole_cells(own: np.ndarray, most: int) -> list[np.ndarray]:
 
 
 def _some(
-    scene: Scene,
-    at: np.ndarray,
-    number: np.ndarray,
+    traced: Callable[[np.ndarray, int, int], np.ndarray],
+    rows: np.ndarray,
     own: np.ndarray,
     sampling: ProbeSampling,
     seed: int,
-    variable: Variable | None,
-    lights: Lights,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """[S, I, 9, 3] light at the points of whole cells, and [I] noise."""
-    halves = _halves(scene, at, number, sampling.paths, seed, sampling.direct, variable, lights)
+    """[S, I, 9, 3] light at the points of whole cells, and [I] noise.
+
+    ``traced``: (points, paths, seed) -> [2, S, I, 9, 3] harmonics from each half of the paths.
+    """
+    halves = traced(rows, sampling.paths, seed)
     times = path_factors(_noise(halves), own, sampling.most)
     for k in np.unique(times[times > 1]):
         asked = np.flatnonzero(times == k)
-        paths = sampling.paths * int(k - 1)
-        more = _halves(scene, at[asked], number[asked], paths, seed + MORE_SEED, sampling.direct, variable, lights)
+        more = traced(rows[asked], sampling.paths * int(k - 1), seed + MORE_SEED)
         halves[..., asked, :, :] = (halves[..., asked, :, :] + (k - 1) * more) / k
     return halves.mean(axis=0).astype(np.float32), _noise(halves)
 
@@ -198,11 +203,6 @@ def joined(a: SolveRows, b: SolveRows) -> SolveRows:
     join = lambda name: np.concatenate([getattr(a, name), getattr(b, name)])  # noqa: E731
     light = np.concatenate([a.light, b.light], axis=-3)
     return SolveRows(join("place"), join("normal"), light, join("cell"), join("noise"))
-
-
-def _halves(scene, at, number, paths, seed, direct, variable, lights) -> np.ndarray:
-    """[2, S, I, 9, 3] harmonics from each half of the paths."""
-    return light_of_states(scene, at, paths, seed, number, direct, variable, lights)
 
 
 def _noise(halves: np.ndarray) -> np.ndarray:

@@ -246,6 +246,8 @@ def _arriving(geometry, p, n, source, rng, u, max_depth, rr_depth, own: bool) ->
 
 def _added(totals: list[Any], d, n, L) -> list[Any]:
     """Totals plus radiance L from direction d."""
-    L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+    # A lamp at the very place of the probe has no direction.
+    known = dr.all(dr.isfinite(d))
+    L, d = dr.select(known & dr.all(dr.isfinite(L)), L, 0), dr.select(known, d, n)
     factors = [*sh_components(d.x, d.y, d.z, 3), dr.maximum(dr.dot(n, d), 0)]
     return [t + f * c for t, (f, c) in zip(totals, ((f, c) for f in factors for c in L))]

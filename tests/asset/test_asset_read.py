@@ -110,6 +110,9 @@ def rename_second(document):
     extension(document)["fields"][1]["name"] = "indirect"
 
 
+SUN = {"name": "sun", "kind": "sun", "start": [1, 0, 0], "middle": [0, 0, 0], "end": [-1, 0, 0]}
+SUN |= {"initial": [0, 1, 0], "intensity": 1, "color": [1, 1, 1]}
+
 REFUSALS = [
     (lambda d: d["extensions"].pop(EXTENSION), "has no LIGHTWELL_neural_radiance; bake the scene"),
     (lambda d: d.update(extensions=[]), "has no LIGHTWELL_neural_radiance"),
@@ -119,6 +122,8 @@ REFUSALS = [
     (lambda d: extension(d)["fields"][0].update(role="magic"), r"fields[0].role: 'magic' is not one of"),
     (lambda d: extension(d)["fields"][0].update(variable=1), "fields[0].variable: there is no light 1"),
     (lambda d: extension(d)["variables"][0].update(low=[0, 0]), "variables[0].low: [0, 0] is too short"),
+    (lambda d: extension(d)["variables"][0].update(low=[0, 9, 0]), "variables[0].low: expected no number above"),
+    (lambda d: extension(d)["variables"].append(SUN), "variables[1].middle: expected a direction, found zero"),
     (remove_field_variable, "'variable' is a required property"),
     (rename_second, "two entries have the same name"),
     (lambda d: first_buffer(d).update(accessor=10_000), "accessors[10000] does not exist"),

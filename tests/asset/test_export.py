@@ -46,6 +46,7 @@ def test_tables_go_beside_the_text(tmp_path):
         (["--to", "shadertoy"], "shadertoy: expected a field without textures or tables"),
         (["--to", "glsl", "--field", "sky"], "has no field 'sky'; it has 'lightmap'"),
         (["--to", "glsl", "--name", "a b"], "name: expected letters, digits and _"),
+        (["--to", "glsl", "--weights", "texture"], "export: expected --weights inline or table, found 'texture'"),
         (["--to", "glsl", "--limit", "work=100"], "expected at most 100 operations per pixel, found"),
     ],
 )

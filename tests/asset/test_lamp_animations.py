@@ -106,6 +106,31 @@ def test_pointers_that_name_no_lamp_are_problems(tmp_path, flicker, change, prob
     assert found[1] == "extensionsUsed: KHR_animation_pointer is missing; list it"
 
 
+@pytest.mark.parametrize(
+    ("keys", "change", "problem"),
+    [
+        ("input", lambda values: values[::-1], "expected times that increase and are not negative"),
+        ("input", lambda values: values - 1, "expected times that increase and are not negative"),
+        ("output", lambda values: values * np.float32(np.nan), "expected finite values"),
+        ("output", None, "values for 3 times, expected 1 for each"),
+    ],
+)
+def test_lamps_have_a_value_for_each_time(tmp_path, flicker, keys, change, problem):
+    path = tmp_path / "scene.glb"
+    document = written(path, flicker)
+    animation, binary = document["animations"][0], bytearray(read_file(path)[1])
+    accessor = document["accessors"][animation["samplers"][animation["channels"][0]["sampler"]][keys]]
+    if change is None:
+        accessor["count"] -= 1
+    else:
+        start = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+        values = np.frombuffer(bytes(binary), np.float32, accessor["count"], start)
+        binary[start : start + values.nbytes] = change(values).tobytes()
+    path.write_bytes(pack(document, bytes(binary)))
+    found = validate_file(path)
+    assert found and all(problem in one for one in found)
+
+
 def test_more_than_64_animations_of_lamps_are_a_problem(tmp_path, flicker):
     path = tmp_path / "scene.glb"
     document = written(path, flicker)

@@ -8,7 +8,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from lightwell.asset.container import read_file
+from lightwell.asset.container import pack, read_file
 from lightwell.asset.export import export_field
 from lightwell.asset.read import read_fields
 from lightwell.asset.records import EXTENSION, FieldEntry
@@ -129,6 +129,28 @@ def test_files_that_break_the_rules_are_refused(tmp_path, change, message):
     change(extension)
     with pytest.raises(ValueError, match=message):
         validate(extension)
+
+
+def test_what_moves_must_be_in_the_file(tmp_path):
+    path = tmp_path / "scene.glb"
+    written(path, "node:Door.rotation=y:0..90")
+    document, binary = read_file(path)
+    (door,) = document["extensions"][EXTENSION]["variables"]
+    door["node"] = len(document["nodes"])
+    path.write_bytes(pack(document, binary))
+    assert validate_file(path) == [f"variables[0].node: there is no node {door['node']}; name one of the file"]
+    clip = {"name": "Open", "kind": "clip", "animation": 0, "range": [0, 1], "unit": "share", "initial": 0}
+    document["extensions"][EXTENSION]["variables"] = [clip]
+    channel = {"sampler": 0, "target": {"node": 0, "path": "rotation"}}
+    for animations, problem in (
+        ([], "there is no animation 0; name one of the file"),
+        ([{"channels": [channel | {"target": {"node": 0, "path": "scale"}}]}], "more than rotations and translations"),
+        ([{"channels": [channel | {"target": {"node": 999, "path": "rotation"}}]}], "moves a node that is not there"),
+        ([{"channels": [channel]}], None),
+    ):
+        path.write_bytes(pack(document | {"animations": animations}, binary))
+        found = validate_file(path)
+        assert not found if problem is None else len(found) == 1 and problem in found[0]
 
 
 def test_a_shader_takes_the_pose_and_says_its_range(tmp_path):

@@ -35,6 +35,7 @@ from lightwell.fields.lightmap.square import AtlasLimits, roomy_atlas
 from lightwell.fields.protocol import Job
 from lightwell.fields.request import Request
 from lightwell.scenes import load
+from tests.plain_glb import write_plain
 
 QUIET = Progress(quiet=True)
 # Few samples: the shards of a test are small.
@@ -110,6 +111,21 @@ def test_a_light_that_moves(tmp_path):
     fields, variables = read_fields(tmp_path / "scene.glb")
     assert [f.role for f in fields] == ["indirect"] and variables[0]["kind"] == "point"
     assert {"light", "uv1"} <= set(fields[0].graph.inputs)
+
+
+def test_light_that_stands_still_and_light_that_moves_have_checkpoints_of_their_own(tmp_path):
+    scene, room = load("cornell"), tmp_path / "room.glb"
+    lamp = dataclasses.replace(scene.meshes[-1], emission=(8.0, 8.0, 8.0))
+    write_plain(room, dataclasses.replace(scene, meshes=[*scene.meshes[:-1], lamp]))
+    scene, vary = load(room), ("light.position=box(-0.5,1.2,-0.5,0.5,1.6,0.5)",)
+    few = SMALL | {"preset": "report-relu", "vary": vary, "lights_per_shard": 1, "steps": 4}
+    settings = BakeSettings(str(room), tmp_path / "out", **few)
+    job = Job(scene, Request(**request_of(settings)), settings.options, Work(settings, scene.digest), QUIET)
+    field = LightmapField()
+    state = field.prepare(job)
+    fits = {role: field.fit(state, role, field.sample(state, role)) for role in state.roles}
+    inputs = {role: set(fit.lower().graph.inputs) for role, fit in fits.items()}
+    assert "light" in inputs["indirect"] and "light" not in inputs["static"]
 
 
 @pytest.mark.slow

@@ -136,6 +136,19 @@ def test_the_least_recently_used_goes(tmp_path):
     assert store.clear() > 20_000 and not store.entries()
 
 
+def test_files_of_the_user_are_not_of_the_store(tmp_path):
+    """A folder that holds other files may be named with ``--store`` or LIGHTWELL_STORE."""
+    own = [tmp_path / "photos" / name for name in ("holiday.npz", "notes.txt", ".thesis.lock", ".thesis.part")]
+    own[0].parent.mkdir()
+    for path in own:
+        path.write_bytes(bytes(100_000))
+        os.utime(path, (1000, 1000))
+    store = Store(tmp_path, limit=10_000)
+    store.get(key("a", 1), _arrays)
+    assert len(store.entries()) == 1 and store.clear() < 10_000
+    assert all(path.exists() for path in own)
+
+
 def test_a_killed_writer_leaves_no_entry(tmp_path):
     """Killed in the middle of writing: the next process makes the entry again; its leavings are swept."""
     code = f"""
@@ -188,7 +201,7 @@ def test_the_folder_follows_the_environment(monkeypatch, tmp_path):
 
 def test_sweeping_spares_what_is_still_written(tmp_path):
     (tmp_path / "a").mkdir()
-    part = tmp_path / "a" / ".x.npz.1.part"
+    part = tmp_path / "a" / f".{key('a', 1).digest}.npz.1.part"
     part.write_bytes(b"half")
     Store(tmp_path).sweep()
     assert part.exists()

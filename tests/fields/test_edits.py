@@ -189,3 +189,7 @@ def test_fields_that_share_an_asset_keep_their_sizes(tmp_path, cornell):
     write_plain(tmp_path / "room.glb", with_mesh(lit, -1, emission=(0.0, 0.0, 0.0)))
     told = bake(tmp_path / "room.glb", tmp_path / "dark", rebake=tmp_path / "old")["roles"]
     assert set(told) == {"indirect"} and told["indirect"]["traced_again"] > 0
+    # The lamp is there, and is left out.
+    write_plain(tmp_path / "room.glb", lit)
+    told = bake(tmp_path / "room.glb", tmp_path / "without", rebake=tmp_path / "old", static=False)["roles"]
+    assert set(told) == {"indirect"} and told["indirect"]["traced_again"] == 0

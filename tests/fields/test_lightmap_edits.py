@@ -30,6 +30,12 @@ def test_texels_that_nothing_touches_keep_their_bytes(tmp_path):
     same = bake(room, tmp_path / "same", rebake=old, **AGAIN)
     assert same["changed"] == [] and same["roles"]["static"]["traced_again"] == 0
     assert (tmp_path / "same/scene.glb").read_bytes() == (old / "scene.glb").read_bytes()
+    # What OLD was given, as ``--watch`` repeats it, and what it was not.
+    again = bake(room, tmp_path / "again", rebake=old, size=64, mips=0, **AGAIN)
+    assert again["changed"] == []
+    for options in ({"size": 128}, {"mips": 1}, {"max_bytes": 100_000}, {"compress": "ktx2"}):
+        with pytest.raises(ValueError, match=r"--rebake (keeps|stores)"):
+            bake(room, tmp_path / "other", rebake=old, **AGAIN, **options)
     last = replace(scene.meshes[-1], positions=scene.meshes[-1].positions + np.float32([0.02, 0, 0]))
     write_plain(room, replace(scene, meshes=[*scene.meshes[:-1], last]))
     told = bake(room, tmp_path / "new", rebake=old, **AGAIN)["roles"]["static"]

@@ -2,19 +2,27 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from leak_scenes import two_rooms
 
+from lightwell.asset.records import FieldEntry
+from lightwell.asset.write import write_glb
 from lightwell.cli import main
 from lightwell.core.formats import COMPRESSED
+from lightwell.core.progress import Progress
 from lightwell.core.store import Store
+from lightwell.core.work import store_of
 from lightwell.fields.base import FieldSetup
+from lightwell.fields.features import open_builder
 from lightwell.fields.probes.baked import BakedProbes, state_key
 from lightwell.fields.probes.fit import PRESETS, ProbesFit, fit_of, solved
-from lightwell.fields.probes.options import parse_box
-from lightwell.fields.protocol import Shown
+from lightwell.fields.probes.options import ProbesOptions, parse_box
+from lightwell.fields.probes.rebake import RebakeState
+from lightwell.fields.protocol import Job, Shown
+from lightwell.fields.request import Request
 from lightwell.graph import evaluate
 from lightwell.probes import generator
 from lightwell.probes.bake import bake_geometry
@@ -22,7 +30,7 @@ from lightwell.probes.file import decode_volume, encode_volume, read, read_basel
 from lightwell.probes.samples import ProbeSampling
 from lightwell.probes.volume import query
 from lightwell.scenes import load
-from lightwell.scenes.variables import declare
+from lightwell.scenes.variables import declare, to_json
 
 TINY = replace(
     PRESETS["draft"],
@@ -201,6 +209,25 @@ def test_a_folder_without_probes_is_refused(tmp_path, capsys):
     assert main(["bake", "two-rooms", "-o", str(tmp_path / "out"), *given]) == 2
     text = capsys.readouterr().err
     assert "holds no probes of this version of lightwell" in text and text.count("\n") == 1
+
+
+def test_an_edit_is_lit_by_the_light_of_the_earlier_bake(moving, tmp_path):
+    """The probes hold its places: those of a sun would be taken for places of a lamp."""
+    sun, scene = declare(("sun.direction=arc(90,10,270,10)",), moving.setup.scene), moving.setup.scene
+    b = open_builder()
+    entry = FieldEntry("indirect", "indirect", b.build(radiance=b.scale("reflectance", 0.0)), 0)
+    write_glb(tmp_path / "scene.glb", scene, [entry], [to_json(sun)])
+    arrays = moving.baked.arrays(Shown(np.zeros(3), np.ones(3)))
+    store_of(tmp_path).put(state_key("indirect"), arrays, COMPRESSED)
+
+    def light(*vary: str):
+        options, work = ProbesOptions(rebake=tmp_path, box=(0, 0, 0, 1, 1, 1)), SimpleNamespace()
+        return RebakeState.of(Job(scene, Request(vary=vary), options, work, Progress(quiet=True))).variable
+
+    assert light().kind == "sun" and light("sun.direction=arc(90,10,270,10)").kind == "sun"
+    for other in ("sun.direction=arc(90,20,270,20)", "light.radius=0.1"):
+        with pytest.raises(ValueError, match="was baked with another light; repeat its --vary, or leave --vary out"):
+            light(other)
 
 
 @pytest.mark.parametrize("text", ["", "0,0,0", "0,0,0,1,1,nan", "1,0,0,0,1,1", "a,b,c,d,e,f"])

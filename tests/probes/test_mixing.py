@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
+from test_lattice_and_query import bricked, made_up
 
+from lightwell.fields.field_and_probes.light import RoleProbes, most_bases
+from lightwell.fields.probes.baked import storable
+from lightwell.fields.probes.fit import PRESETS
 from lightwell.graph import Builder, evaluate
+from lightwell.graph.budget import BUDGET, check_budget, graph_work
 from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.code import StateMix
+from lightwell.probes.lower import lower
 from lightwell.probes.spline import SplineMix
 from lightwell.probes.trace import air_light
 from lightwell.scenes.assemble import assemble
@@ -31,6 +37,39 @@ def by_hand(mix: np.ndarray, nodes: tuple[tuple[float, ...], ...], pose: np.ndar
     """[N, G, K] factors at poses [N, M], interpolated with SciPy between those [P, G, K] of the nodes."""
     grid = mix.reshape(*(len(own) for own in nodes), *mix.shape[1:])
     return RegularGridInterpolator(nodes, grid)(pose)
+
+
+@pytest.mark.parametrize("volume", [made_up(), bricked()], ids=["plain", "bricks"])
+def test_a_page_can_evaluate_the_probes_of_every_preset(volume):
+    rng = np.random.default_rng(0)
+    light = rng.normal(size=(30, 3)).astype(np.float32)
+
+    def graph(count: int):
+        mixing = SplineMix.of(light, np.zeros((30, 0)), rng.normal(size=(30, count)), directions=True)
+        return lower(volume, 1.0, rng.normal(size=(*volume.light.shape, count)).astype(np.float32), mixing)
+
+    counts = {preset.bases_of(volume) for preset in PRESETS.values()}
+    for count in counts:
+        check_budget(graph(count))
+    # Of several lights at once, each with probes of its own.
+    for lights in range(1, 6):
+        count = min(most_bases(lights, volume.bricks is not None), max(counts))
+        assert lights * graph_work(graph(count)) <= BUDGET.work
+
+
+def test_probes_beside_a_small_lamp_are_within_half_floats():
+    volume = made_up()
+    basis = volume.light[..., None].copy()
+    probe = int(np.flatnonzero(volume.alive)[0])
+    basis[probe] *= 1e6
+    made = RoleProbes(volume, basis, None, 1.0, "zh3", {})
+    x, n = np.float32([volume.lattice.nodes()[probe]]), np.float32([[0, 1, 0]])
+    found = evaluate(made.lower(), {"position": x, "normal": n})["radiance"]
+    assert np.isfinite(found).all()
+    even = storable(basis)
+    assert np.array_equal(np.delete(even, probe, axis=0), np.delete(basis, probe, axis=0))
+    assert np.abs(even[probe, 0]).max() == pytest.approx(6e4)
+    np.testing.assert_allclose(even[probe] / even[probe, 0, 0], basis[probe] / basis[probe, 0, 0], rtol=1e-5)
 
 
 @pytest.mark.parametrize("nodes", [((0.0, 0.2, 0.7, 1.0),), ((0.0, 0.4, 1.0), (0.0, 1.0)), ((0.0, 0.3, 1.0),) * 3])

@@ -25,11 +25,13 @@ from typing import Any
 import numpy as np
 
 from lightwell.fields.base import FieldSetup
+from lightwell.fields.probes.baked import storable
 from lightwell.fields.probes.fit import PRESETS, ProbesPreset, Solved, fit_of, pose_rows, solved, spline_of, weights_of
 from lightwell.fields.probes.plan import ProbePlan, probe_plan
 from lightwell.fields.protocol import Role, State
 from lightwell.fields.surface.posed_lamp_samples import lamps_in
 from lightwell.graph import Graph
+from lightwell.graph.budget import BUDGET
 from lightwell.graph.pose_basis import PoseBasis
 from lightwell.probes.baselines import compare
 from lightwell.probes.code import Mixing, StateMix
@@ -42,6 +44,7 @@ from lightwell.probes.states import JointStates
 from lightwell.probes.volume import ProbeVolume
 from lightwell.scenes.posing import posed
 from lightwell.scenes.scene_cache import Derived
+from lightwell.scenes.variables import PointLight
 
 # Preset of the probes of each quality.
 QUALITY_PRESETS = {"draft": "draft", "good": "default", "best": "fine"}
@@ -49,6 +52,9 @@ QUALITY_PRESETS = {"draft": "draft", "good": "default", "best": "fine"}
 POSES = {"draft": (3, 2, 2), "good": (5, 3, 2), "best": (9, 4, 3)}
 # Most bases: a pixel holds 27 numbers of each. A light beside a mover takes so many times those of the light alone.
 MOST_BASES, BASES_BESIDE = 16, 2
+# Work of a pixel for each base without bricks and with them, at most: probes of all roles together have the budget of a
+# file (format/FORMAT.md, *Budget*).
+WORK_OF_BASE, WORK_BESIDE_BRICKS = 1400, 2800
 # States of such a light, times those of the light alone.
 STATES_BESIDE = 2
 OWN_LIGHT = Derived[SolvedVolume]("field_and_probes.own_light")
@@ -79,7 +85,7 @@ class RoleProbes:
         Returns:
             The graph.
         """
-        return lower(self.volume.in_air(), self.unit, self.basis / self.unit, self.mixing)
+        return lower(self.volume.in_air(), self.unit, storable(self.basis / self.unit), self.mixing)
 
     @property
     def follows(self) -> str:
@@ -204,9 +210,15 @@ class ProbeLight:
         return FieldSetup.of(state.scene, 1.0, state.variable.kind, state.variable)
 
     def _moving_preset(self, role: Role) -> ProbesPreset:
-        preset = self._preset
+        preset, planned = self._preset, self.plan.applied(self._preset, role)
         rank = min(preset.rank * BASES_BESIDE, MOST_BASES) if self._poses else preset.rank
-        return replace(self.plan.applied(preset, role), rank=rank)
+        bricks = planned.bricks > 0 and not isinstance(self._setup(role).variable, PointLight)
+        return replace(planned, rank=min(rank, self._affordable(bricks)))
+
+    def _affordable(self, bricks: bool) -> int:
+        """Bases that a pixel has the work for where all roles have as many; own light of one state has one."""
+        roles = sum(role != "static" or self._own_count > 1 for role in self._state.roles)
+        return most_bases(max(roles, 1), bricks)
 
     def _moving(self, role: Role) -> Solved:
         """Light of all states of a declared light, factors of the bases, and errors in the air."""
@@ -266,12 +278,26 @@ class ProbeLight:
         bases, mixing, lost = light[..., None], None, 0.0
         if light.ndim == 4:
             groups, live = max(len(state.lamps), 1), np.flatnonzero(lit.geometry.volume.alive)
-            bases, mix = reduced(light, live, MOST_BASES)
+            most = min(MOST_BASES, self._affordable(lit.geometry.volume.bricks is not None))
+            bases, mix = reduced(light, live, most)
             lost = error_of_bases(light[:, live], bases[live], mix)
             mixing = StateMix(mix.reshape(-1, groups, mix.shape[1]), self._poses, bool(state.lamps))
             light, start = light[:groups].sum(axis=0), start[:groups].sum(axis=0)
         score = compare(scene, lit.geometry, light, start, state.job.request.seed)
         return RoleProbes(lit.geometry.volume, bases, mixing, unit, self._preset.coding, score, lost)
+
+
+def most_bases(roles: int, bricks: bool) -> int:
+    """Compute how many bases the probes of each role may have, so that a page can evaluate all of them.
+
+    Args:
+        roles: Roles whose light is mixed of bases, ≥ 1.
+        bricks: Whether cells have bricks.
+
+    Returns:
+        Most bases of each.
+    """
+    return int(BUDGET.work / (roles * (WORK_BESIDE_BRICKS if bricks else WORK_OF_BASE)))
 
 
 def reduced(states: np.ndarray, live: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

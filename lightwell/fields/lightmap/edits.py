@@ -22,6 +22,7 @@ from lightwell.core.work import store_of
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import base_picture, direction_picture
+from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.sides import lit_scene
 from lightwell.fields.lightmap.state import FittedLightmap, LightmapState
 from lightwell.fields.lightmap.trace import AtlasIrradiance, chart, mask_image, traced_again
@@ -42,6 +43,8 @@ RAYS = 4
 # Share of the paths of OLD, and fewest paths of a texel: what is traced is denoised. A lamp that moves in a Cornell
 # box, against 160 paths a texel: 44 1.8 %, 22 2.2 %, 8 4.0 %.
 PATHS_SHARE, FEWEST_PATHS = 0.05, 8
+# What the origin of an atlas begins with whose charts were packed for the bake.
+PACKED = "xatlas"
 _ATLAS, _SETUP = ("uv", "chart", "first"), ("center", "half_extent", "unit", "light", "size", "matte", "relief")
 
 
@@ -57,7 +60,7 @@ class LightmapEdit:
     """Features, by name of their buffer."""
     parts: list[ScenePart]
     facts: Mapping[str, Any]
-    """Preset, size, unit, seed, paths, relief, set-up; JSON values."""
+    """Preset, size, unit, seed, paths, relief, set-up, limit of bytes; JSON values."""
 
     @staticmethod
     def after(scene: Scene, fitted: FittedLightmap) -> LightmapEdit:
@@ -75,6 +78,7 @@ class LightmapEdit:
         setup = {name: getattr(fit.setup, name) for name in _SETUP}
         facts = {"preset": asdict(fit.preset), "size": fit.size, "unit": fit.unit, "seed": fit.seed, "mips": fit.mips}
         facts |= {"paths": fitted.state.paths, "relief": fit.relief, "setup": setup, "coarse": made.atlas.size}
+        facts |= {"max_bytes": fitted.state.job.options.max_bytes}
         features = {n: p for n, p in fit.pictures.items() if n not in ("e", "d", "m")}
         parameters = fit.parameters if fit.preset.hidden else {}
         return LightmapEdit(made.atlas, made.light, parameters, features, scene_parts(scene), facts)
@@ -288,6 +292,20 @@ class EditedLightmap(LightmapState):
         return summary(self.job, self.changes, self.touched, fits)
 
 
+def _check_options(options: LightmapOptions, before: LightmapEdit) -> None:
+    """Refuse what the earlier bake has otherwise: its atlas, its settings and its codecs stay. ``--watch`` repeats its
+    own options."""
+    if stored_as(before.preset, options.compress) != before.preset:
+        raise ValueError("bake: --rebake stores pictures as OLD does; leave --compress out")
+    mips, kept = options.mips, before.atlas.mips
+    # The author's second texture coordinates may allow fewer levels than were asked for.
+    fewer = mips is not None and kept < mips and not before.atlas.origin.startswith(PACKED)
+    if options.size not in (None, before.facts["size"]) or not (mips in (None, kept) or fewer):
+        raise ValueError("bake: --rebake keeps the atlas of OLD; leave --size and --mips out, or bake it whole")
+    if options.max_bytes not in (None, before.facts.get("max_bytes")):
+        raise ValueError("bake: --rebake keeps the settings of OLD; leave --max-bytes out, or bake it whole")
+
+
 def edited_lightmap(job: Job) -> EditedLightmap:
     """Prepare the scene of an incremental bake.
 
@@ -298,16 +316,16 @@ def edited_lightmap(job: Job) -> EditedLightmap:
         The prepared scene.
 
     Raises:
-        ValueError: OLD cannot be started from, or a light varies; one line.
+        ValueError: OLD cannot be started from, an option asks for another light map than OLD has, or a light varies;
+            one line.
     """
     if job.request.vary:
         raise ValueError("bake: --rebake of a light map is for light that stands still; leave --vary out")
     if job.request.lamps:
         raise ValueError("bake: groups of lamps have no incremental bake yet; bake whole, or leave --lamps out")
-    if job.options.compress:
-        raise ValueError("bake: --rebake stores pictures as OLD does; leave --compress out")
     scene, _ = lit_scene(job.scene)
     before = kept_lightmap(job)
+    _check_options(job.options, before)
     # The next incremental bake may start from this one.
     job.work.keep = True
     state = EditedLightmap(

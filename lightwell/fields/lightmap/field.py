@@ -195,8 +195,9 @@ class LightmapField:
             if role == "indirect":
                 count = max(_steps(state), 1 if state.job.request.steps else LEAST_STEPS)
                 unit = sample_unit(samples, state.variable)
+                # Checkpoints of its own: those of the other role have the same names.
                 made = moving_fit(
-                    state.scene, state.atlas, state.variable, samples, unit, seed, count, state.part,
+                    state.scene, state.atlas, state.variable, samples, unit, seed, count, state.part.part(role=role),
                     state.preset.codec, _watched(state),
                 )  # fmt: skip
                 stage.advance()

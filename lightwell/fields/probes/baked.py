@@ -20,7 +20,7 @@ from lightwell.files import Arrays, write_atomically
 from lightwell.graph import Graph
 from lightwell.probes import ddgi
 from lightwell.probes.checkpoint import VERSION, state_arrays, state_of
-from lightwell.probes.file import encode_volume
+from lightwell.probes.file import BRIGHTEST, encode_volume
 from lightwell.probes.light import SolvedVolume, relit
 from lightwell.probes.low_rank import LowRank
 from lightwell.probes.lower import lower
@@ -70,7 +70,7 @@ class BakedProbes:
         Returns:
             The graph.
         """
-        return lower(self.lit.geometry.volume, self.unit, self.basis / self.unit, self.code)
+        return lower(self.lit.geometry.volume, self.unit, storable(self.basis / self.unit), self.code)
 
     def factors(self, light: np.ndarray) -> np.ndarray:
         """Compute the factors of the bases under a light.
@@ -202,6 +202,20 @@ class BakedProbes:
         """
         lit, again = relit(scene, self.lit, box, fit, variable)
         return replace(self, lit=lit), again
+
+
+def storable(basis: np.ndarray) -> np.ndarray:
+    """Darken probes that are too bright for the half floats of a shading graph: those beside a small lamp.
+
+    Args:
+        basis: [P, 9, 3, K] bases in the graph's unit.
+
+    Returns:
+        [P, 9, 3, K] bases whose band 0 is at most ``BRIGHTEST``; a probe that is darkened keeps its colour and the
+        shape of its light.
+    """
+    largest = np.abs(basis[:, :1]).max(axis=(1, 2, 3), keepdims=True, initial=0)
+    return basis if largest.max(initial=0) <= BRIGHTEST else basis * (BRIGHTEST / np.maximum(largest, BRIGHTEST))
 
 
 def state_key(role: str) -> Key:

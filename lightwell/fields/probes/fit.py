@@ -52,6 +52,9 @@ CHUNK = 1 << 14
 MOVING, STILL = ProbeSampling(24, 64, 256, most=4), ProbeSampling(32, 256, 1024, most=8)
 GATHERED = ProbeSampling(12, 256, 1024, most=4)
 TRAINING = TrainingSettings(rate=3e-3, batch=1 << 13)
+# Most bases where cells have bricks: while a pixel reads a brick, it holds 27 numbers of each base four times, and may
+# hold 2,048 numbers (format/FORMAT.md, *Budget*).
+MOST_BESIDE_BRICKS = 16
 # The seed of the light states is this far from that of the samples.
 STATE_SEED = 7919
 # Random stream of the order of the poses.
@@ -97,6 +100,17 @@ class ProbesPreset:
     """Of samples that only measure the error."""
     along: int = ALONG
     """Probes along the longest edge where no spacing is asked for."""
+
+    def bases_of(self, volume: ProbeVolume) -> int:
+        """Return how many bases of the light of a volume are kept.
+
+        Args:
+            volume: The probes.
+
+        Returns:
+            K.
+        """
+        return self.rank if volume.bricks is None else min(self.rank, MOST_BESIDE_BRICKS)
 
     def states_of(self, variable: Variable | None) -> int:
         """Return how many states of a variable are solved.
@@ -333,7 +347,7 @@ def _solve(setup: FieldSetup, preset: ProbesPreset, geometry: Geometry, seed: in
     first = (lit.solution.light, lit.start) if static else (lit.solution.light[0], lit.start[0])
     state = states_of(setup.scene, variable, lights)[0]
     told = compare(state.scene, lit.geometry, *first, seed, state.variable, state.light)
-    low = None if static else LowRank.of(lit.solution.light, live, preset.rank)
+    low = None if static else LowRank.of(lit.solution.light, live, preset.bases_of(lit.geometry.volume))
     return lit, low, told
 
 

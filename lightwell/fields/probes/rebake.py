@@ -6,7 +6,7 @@ Only the probes that the box affects are fitted, traced and solved again, with t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -14,9 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from lightwell.asset.container import read_file
+from lightwell.asset.records import EXTENSION
 from lightwell.core.formats import COMPRESSED
 from lightwell.core.options import flag_of, options_of
 from lightwell.core.store import Store
+from lightwell.core.vary import parse_vary
 from lightwell.core.work import store_of
 from lightwell.fields.probes.baked import BakedProbes, state_key
 from lightwell.fields.probes.fit import PRESETS, fit_of, payload
@@ -25,9 +28,12 @@ from lightwell.fields.request import Request
 from lightwell.fields.surface.field import SurfaceFit
 from lightwell.graph import Graph
 from lightwell.scenes.scene import Scene
-from lightwell.scenes.variables import declare
+from lightwell.scenes.variables import Variable, declare, from_json
 
 ROLES: tuple[Role, ...] = ("indirect", "static")
+# What parameters of ``--vary`` decide of a lamp, and all others of a sun.
+OF_LAMP = {"position": ("low", "high"), "radius": ("radius",), "clearance": ("clearance",)}
+OF_SUN = ("start", "middle", "end")
 
 
 @dataclass
@@ -40,7 +46,7 @@ class RebakeState(State):
     def of(job: Job) -> RebakeState:
         """Read the probes of an earlier bake.
 
-        A folder without probes, or with those of another scene, is a ``ValueError``.
+        A folder without probes, or with those of another scene or of another light, is a ``ValueError``.
 
         Args:
             job: Scene and settings.
@@ -54,7 +60,7 @@ class RebakeState(State):
         # The next incremental bake may start from this one.
         job.work.keep = True
         _check(scene, kept, old)
-        return RebakeState(job, scene, declare(job.request.vary, scene), tuple(kept), before=kept)
+        return RebakeState(job, scene, _light(old, job), tuple(kept), before=kept)
 
     def finished(self, fits: Mapping[Role, Fit]) -> ReBake:
         """Return the summary of the incremental bake.
@@ -157,6 +163,27 @@ def _check(scene: Scene, kept: dict[Role, tuple[BakedProbes, Shown]], old: Path)
     low, high = lattice.origin, lattice.origin + lattice.spacing * np.array(lattice.cells)
     if (scene.core[0] < low - 1e-4).any() or (scene.core[1] > high + 1e-4).any():
         raise ValueError(f"bake: the scene has outgrown the probes of '{old}'; bake it whole, without --rebake")
+
+
+def _light(old: Path, job: Job) -> Variable | None:
+    """The light of the earlier bake, whose places the probes hold; another one that is declared is refused."""
+    said = [d for d in map(parse_vary, job.request.vary) if d.learned and not d.moves]
+    asked = declare(job.request.vary, job.scene)
+    if not (old / "scene.glb").is_file():
+        return asked
+    document, _ = read_file(old / "scene.glb")
+    entries = document.get("extensions", {}).get(EXTENSION, {}).get("variables", [])
+    known = from_json(entries[0]) if entries else None
+    names = [name for d in said for name in OF_LAMP.get(d.parameter, OF_SUN)]
+    if said and (known is None or not _same(asked, known, names)):
+        raise ValueError(f"bake: '{old}' was baked with another light; repeat its --vary, or leave --vary out")
+    return known
+
+
+def _same(asked: Variable, known: Variable, names: Sequence[str]) -> bool:
+    """Whether two lights are of one kind, with the same ranges of these names."""
+    alike = lambda name: np.allclose(getattr(asked, name), getattr(known, name), rtol=1e-5, atol=1e-6)  # noqa: E731
+    return asked.kind == known.kind and all(map(alike, names))
 
 
 def _check_request(request: Request) -> None:

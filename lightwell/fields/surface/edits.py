@@ -80,7 +80,8 @@ class EditedScene(State):
             raise ValueError(f"bake: '{old}' holds {error}; bake it again with --keep") from None
         _check(before, job, name)
         facts = next(iter(before.values())).facts
-        roles = tuple(role for role in before if role == "indirect" or job.scene.has_static_light)
+        own = job.request.static and job.scene.has_static_light
+        roles = tuple(role for role in before if role == "indirect" or own)
         changes = scene_changes(next(iter(before.values())).parts, scene_parts(job.scene))
         # The next incremental bake may start from this one.
         job.work.keep = True
