@@ -114,6 +114,10 @@ def test_mistakes_are_one_line_with_the_cure(tmp_path, options, said):
     [
         (["bake", "cornell", "-o", "x", "--field", "lightmap", "--no-static"], "--no-static leaves nothing to learn"),
         (["bake", "cornell", "-o", "x", "--mips", "2"], "--mips is an option of the field 'lightmap'"),
+        (
+            ["samples", "doorway", "-o", "x.npz", "--vary", "node:Door.rotation=y:0..90"],
+            "the scene stands still here; drop 'node:Door.rotation' from --vary",
+        ),
         (["render", "cornell", "-o", "x.png", "--frames", "2"], "--frames is an option of the integrator 'nrc'"),
         (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--resume"], "--resume is for sequences"),
         (["render", "cornell", "-o", "x.png", "--integrator", "nrc", "--camera", "99"], "--camera 99 is none of them"),

@@ -31,7 +31,7 @@ from lightwell.fields.request import Request
 from lightwell.graph import Graph
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Camera, Scene
-from lightwell.scenes.variables import Variable, declare, first_settings, to_json
+from lightwell.scenes.variables import Variable, declare, first_settings, parse_vary, to_json
 from lightwell.serving.folder import files_of
 from lightwell.serving.server import Answer, Application
 from lightwell.serving.server import Request as WebRequest
@@ -81,12 +81,14 @@ class PreviewScene:
         Returns:
             The scene with camera and light.
         """
-        variable = declare(request.vary, scene)
+        static = request.static and scene.has_static_light
+        variable = _light(scene, request, static)
         camera, light = lit_views(scene, variable, 1, request.seed)[0]
         declared, color = first_settings(request.vary)
-        half = scene.core_extent / 2
-        usual = {"sun": SUN_INTENSITY, "environment": 1.0}.get(variable.kind, POINT_INTENSITY * half * half)
-        roles: tuple[Role, ...] = ("indirect", "static") if request.static and scene.has_static_light else ("indirect",)
+        half, kind = scene.core_extent / 2, None if variable is None else variable.kind
+        usual = {"sun": SUN_INTENSITY, "environment": 1.0}.get(kind or "", POINT_INTENSITY * half * half)
+        roles: tuple[Role, ...] = ("indirect",) if variable is not None else ()
+        roles += ("static",) if static else ()
         return PreviewScene(scene, variable, camera, light, declared or usual, color, request.seed, roles)
 
     def glb(self, graphs: dict[Role, Graph]) -> bytes:
@@ -99,7 +101,7 @@ class PreviewScene:
             A .glb file.
         """
         variables = [] if self.variable is None else [to_json(self.variable, self.light, self.intensity, self.color)]
-        known: dict[Role, Graph] = graphs or {"indirect": _no_light()}
+        known: dict[Role, Graph] = graphs or {self.roles[0]: _no_light()}
         entries = [FieldEntry(role, role, g, 0 if role == "indirect" else None, {}) for role, g in known.items()]
         shines = "static" in self.roles or self.scene.surrounding is not None
         environment = environment_entry(self.scene, (), None) if shines else None
@@ -352,6 +354,18 @@ class Preview:
         except ValueError as error:
             return Answer.of(400, str(error).encode())
         return Answer.of(200, b"{}", "application/json")
+
+
+def _light(scene: Scene, request: Request, static: bool) -> Variable | None:
+    """The light that varies; None where nobody has declared one, there is no air for it, and the scene has its own."""
+    variable = declare(request.vary, scene)
+    try:
+        sample_lights(scene, variable, 1, request.seed)
+    except ValueError:
+        if not static or any(d.learned and not d.moves for d in map(parse_vary, (*request.vary, *scene.vary))):
+            raise
+        return None
+    return variable
 
 
 def _no_light() -> Graph:

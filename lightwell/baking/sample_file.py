@@ -9,6 +9,7 @@ from typing import Any
 
 from lightwell.core.options import check, option
 from lightwell.core.scene_options import SceneOptions
+from lightwell.core.vary import parse_vary
 from lightwell.fields.request import Request
 
 _REQUEST = Request.__dataclass_fields__
@@ -31,10 +32,12 @@ class SampleSettings(SceneOptions):
     own_light: bool = option(False, "the light of the scene's own emitters instead of the light that moves")
 
     def __post_init__(self) -> None:
-        """Refuse values out of range, by the name of their option."""
+        """Refuse values out of range, by the name of their option, and what a file of samples cannot hold."""
         check(self, "samples")
         if self.out.suffix != ".npz":
             raise ValueError(f"samples: '{self.out}' is no .npz; name a file such as samples.npz with -o")
+        if moving := [d.text for d in map(parse_vary, self.vary) if d.moves]:
+            raise ValueError(f"samples: the scene stands still here; drop '{moving[0]}' from --vary")
 
 
 def write_samples(settings: SampleSettings) -> dict[str, Any]:

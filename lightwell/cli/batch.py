@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code: 1 where a scene failed.
     """
-    scenes = _scenes(arguments)
+    out, scenes = _scenes(arguments)
     from lightwell.baking.batch import FAILED, BatchScene, BatchSettings, batch
     from lightwell.cli.child import run_child
     from lightwell.core.progress import Progress
 
-    out = Path(scenes.pop("out"))
     made = tuple(BatchScene(name, source, Path(folder), words) for name, (source, folder, words) in scenes.items())
     aside = tuple(Path(name) for name in (arguments.target, arguments.config or FILE, arguments.log) if name)
     settings = BatchSettings(out, made, hasattr(arguments, "force"), aside)
@@ -70,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
     return int(any(row["state"] == FAILED for row in numbers["scenes"]))
 
 
-def _scenes(arguments: argparse.Namespace) -> dict[str, Any]:
-    """'out' -> folder; name -> (source, folder, words) of every scene, checked before the first one is baked."""
+def _scenes(arguments: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    """Folder of the batch; name -> (source, folder, words) of every scene, checked before the first one is baked."""
     from lightwell.cli.main import verb_parser
 
     target = Path(arguments.target)
@@ -85,12 +84,26 @@ def _scenes(arguments: argparse.Namespace) -> dict[str, Any]:
     scenes: dict[str, Any] = {}
     for name, source in sources.items():
         check_source(source)
-        options = found.options("bake", source, verb_parser)
+        # Of a settings file each table is a scene of its own, also where several name one file.
+        options = found.options("bake", source, verb_parser, name if target.is_file() else None)
         folder = options.pop("out", out / name)
         own = [*option_words("bake", options, {*said, *OWN}, found.path, verb_parser), *words]
         _check(verb_parser("bake", own), [source, f"--out={folder}", *own])
         scenes[name] = (source, folder, tuple(own))
-    return {"out": out} | scenes
+    _check_folders({name: Path(folder) for name, (_, folder, _) in scenes.items()})
+    return out, scenes
+
+
+def _check_folders(folders: Mapping[str, Path]) -> None:
+    """Refuse scenes that would overwrite each other."""
+    first: dict[Path, str] = {}
+    for name, folder in folders.items():
+        other = first.setdefault(folder.resolve(), name)
+        if other != name:
+            raise ValueError(
+                f"batch: scenes '{other}' and '{name}' have one folder, '{folder}'; give each an out of its own, or "
+                "leave out both"
+            )
 
 
 def _check(parser: argparse.ArgumentParser, words: list[str]) -> None:

@@ -57,20 +57,22 @@ class Configuration:
     """Options by verb and key."""
     scenes: Mapping[str, SceneTable] = field(default_factory=dict)
 
-    def options(self, verb: str, scene: str, parser_of: ParserOf) -> dict[str, Any]:
+    def options(self, verb: str, scene: str, parser_of: ParserOf, only: str | None = None) -> dict[str, Any]:
         """Find the options of a verb for a scene. One that does not exist is a ``ValueError`` of one line.
 
         Args:
             verb: Name of the verb.
             scene: Name or path of the scene; empty for none.
             parser_of: Makes the parser of a verb.
+            only: Name of the scene's table, of several tables of one scene; None: all of them count.
 
         Returns:
             Options by name; those of the scene's table replace those of the verb's.
         """
         tables = [(f"[{verb}]", self.verbs.get(verb, {}))]
         if verb in SCENE_VERBS and scene:
-            tables += [(f"[scenes.{t.name}]", t.options) for t in self.scenes.values() if _same(t.source, scene)]
+            own = [t for t in self.scenes.values() if only in (None, t.name) and _same(t.source, scene)]
+            tables += [(f"[scenes.{t.name}]", t.options) for t in own]
         found: dict[str, Any] = {}
         for title, table in tables:
             known = _known(verb, table, parser_of)

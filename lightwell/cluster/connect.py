@@ -116,7 +116,7 @@ def _ssh(rest: str, security: Any) -> Any:
         lines = Path(rest).read_text().split("\n")
     except OSError as error:
         raise ValueError(f"--cluster ssh: cannot read '{rest}' ({error.strerror}); name a file of host names") from None
-    hosts = [line.strip() for line in lines if line.strip() and not line.startswith("#")]
+    hosts = [line.strip() for line in lines if line.strip() and not line.strip().startswith("#")]
     if len(hosts) < 2:
         raise ValueError(f"--cluster ssh: '{rest}' names {len(hosts)} hosts; first the scheduler's, then the workers'")
     return SSHCluster(hosts, worker_options={"nthreads": 1}, security=security)
@@ -128,7 +128,7 @@ def _slurm(rest: str, security: Any) -> Any:
     except ImportError:
         raise ValueError('--cluster slurm: needs dask-jobqueue; pip install "lightwell[cluster]"') from None
     options = read_profile(rest, "slurm")
-    count = int(options.pop("workers", WORKERS))
+    count = options.pop("workers", WORKERS)
     usual = {"processes": 1, "cores": 1, "memory": "8GB", "scheduler_options": {"dashboard_address": ":0"}}
     cluster = SLURMCluster(**{**usual, "security": security, **options})
     cluster.scale(count)
@@ -140,8 +140,7 @@ def _kubernetes(rest: str, security: Any) -> Any:
         from dask_kubernetes.operator import KubeCluster
     except ImportError:
         raise ValueError("--cluster k8s: needs the package dask-kubernetes; pip install dask-kubernetes") from None
-    options = read_profile(rest, "k8s")
-    return KubeCluster(**{"n_workers": WORKERS, **options})
+    return KubeCluster(**read_profile(rest, "k8s"))
 
 
 def read_profile(path: str, kind: str) -> dict[str, Any]:
@@ -149,24 +148,31 @@ def read_profile(path: str, kind: str) -> dict[str, Any]:
 
     Args:
         path: The file.
-        kind: Kind of the cluster, for messages.
+        kind: Kind of the cluster, 'slurm' or 'k8s'.
 
     Returns:
-        Arguments of Dask's class by name.
+        Arguments of Dask's class by name, and ``workers`` of Slurm.
 
     Raises:
-        ValueError: The file cannot be read; one line.
+        ValueError: The file cannot be read, or its ``workers`` are no number; one line.
     """
     if sys.version_info >= (3, 11):
         import tomllib
     else:
         import tomli as tomllib
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        options = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ValueError(f"--cluster {kind}: cannot read '{path}' ({error.strerror}); see docs/cluster.md") from None
     except ValueError as error:
         raise ValueError(f"--cluster {kind}: '{path}' is not TOML ({error}); correct that line") from None
+    workers = options.get("workers", WORKERS)
+    if type(workers) is not int or workers < 1:
+        raise ValueError(f"--cluster {kind}: workers = {workers!r} in '{path}' is no count; write workers = 8")
+    if kind == "k8s":
+        # What Dask's class for Kubernetes calls them.
+        options = {"n_workers": workers} | {name: value for name, value in options.items() if name != "workers"}
+    return options
 
 
 def security_of(folder: Path | None) -> Any:

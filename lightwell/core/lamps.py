@@ -101,7 +101,7 @@ def parse_lamps(texts: Sequence[str]) -> LampRules:
         The rules; lights that no rule names are one group where there are rules and no mode.
 
     Raises:
-        ValueError: A text has another form, or there is more than one mode.
+        ValueError: A text has another form, there is more than one mode, or 'none' beside a rule.
     """
     rules, modes = [], []
     for text in map(str.strip, texts):
@@ -115,4 +115,10 @@ def parse_lamps(texts: Sequence[str]) -> LampRules:
         rules.append(LampRule(name, found))
     if len(modes) > 1:
         raise ValueError(f"lamps: {' and '.join(modes)} group the same lights; give one of them")
+    if rules and modes == ["none"]:
+        # Light without a switch would be in no group, and so in no field.
+        raise ValueError(
+            f"lamps: none leaves no light a switch, {rules[0].name} has one; leave out none: what no rule names is the "
+            "group 'others'"
+        )
     return LampRules(modes[0] if modes else "all" if rules else "name", tuple(rules), bool(texts))

@@ -204,6 +204,8 @@ def _check_range(text: str, parameter: str, values: tuple[float, ...]) -> None:
         raise ValueError(_wrong(text, f"a turbidity lies between {TURBIDITY[0]:g} and {TURBIDITY[1]:g}", example))
     if parameter in ("radius", "clearance", "intensity", "color") and any(v < 0 for v in values):
         raise ValueError(_wrong(text, f"a {parameter} is not negative", example))
+    if parameter == "intensity" and values == (0.0,):
+        raise ValueError(_wrong(text, "an intensity is above 0", example))
 
 
 def _same_direction(first: Sequence[float], second: Sequence[float]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -19,7 +20,7 @@ from lightwell.rendering.shot import Shot, write_shot
 from lightwell.scenes.dimmed import dimmed
 from lightwell.scenes.lamps import group_lamps
 from lightwell.scenes.posing import in_state
-from lightwell.scenes.variables import Sun, Turning, has_sky, surrounds
+from lightwell.scenes.variables import Sun, Turning, first_settings, has_sky, surrounds
 from lightwell.transport.camera import total_image
 from lightwell.transport.deep import deep_image
 
@@ -49,21 +50,24 @@ def render_path(settings: RenderSettings) -> dict[str, Any]:
     if settings.options.deep and surrounds(shot.variable):
         dropped = "the day" if has_sky(shot.variable) else ROTATED
         raise ValueError(f"render: --deep has no sky; leave out --deep, or {dropped}")
-    point = max(state.pop(POINT_LIGHT, (1.0,)))
+    declared, color = first_settings(settings.vary)
+    red, green, blue = np.multiply(state.pop(POINT_LIGHT, (1.0, 1.0, 1.0)), color).tolist()
+    candela = (declared or 1.0) if intensity is None else intensity
+    light: dict[str, Any] = {"intensity": candela, "color": (red, green, blue)}
     scene = in_state(shot.scene, moved, settings.vary)
     groups = group_lamps(scene, parse_lamps(settings.lamps)) if state else ()
     start = perf_counter()
-    candela = point * (1.0 if intensity is None else intensity)
     view = (scene, shot.camera, place, shot.variable, *settings.size, settings.spp)
     here = attached(scene, settings.loading, settings, lambda line: None)
     with here, dimmed(scene, groups, state):
         if settings.options.deep:
-            radiance, depth = deep_image(*view, settings.options.deep, settings.seed, intensity=candela)
+            radiance, depth = deep_image(*view, settings.options.deep, settings.seed, **light)
             write_deep(Path(settings.out), radiance, depth)
             return _facts(settings, shot, place, radiance[0], perf_counter() - start)
-        picture = total_image(*view, settings.seed, intensity=candela, with_static=True)
+        picture = total_image(*view, settings.seed, **light, with_static=True)
     seconds = perf_counter() - start
-    write_shot(settings, shot, picture, None if intensity is None else 1.0)
+    # Further channels show what the picture shows: nodes where --set has moved them.
+    write_shot(settings, replace(shot, scene=scene), picture, None if intensity is None else 1.0)
     return _facts(settings, shot, place, picture, seconds)
 
 

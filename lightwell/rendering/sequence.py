@@ -115,18 +115,18 @@ def _resumed(
     that is none, because every frame depends on the training in the frames before it."""
     path = folder / CACHE_NAME
     if not path.exists():
-        return 0, None
+        return 0, film.exposure
     try:
         found = checkpoint.load(path, integrator, film.live.scene)
     except ValueError as error:
         LOG.warning("render: the sequence begins anew: %s", error)
-        return 0, None
+        return 0, film.exposure
     missing = [k for k in range(found.frames) if not (folder / f"frame-{k:04d}.{kind}").exists()]
     if missing:
         LOG.warning("render: the sequence begins anew: frame-%04d.%s is missing", missing[0], kind)
         integrator.cache, integrator.reservoirs.held = None, None
         integrator.temporal.forget()
-        return 0, None
+        return 0, film.exposure
     for k in range(found.frames):
         if k == found.frames - 1:
             integrator.reservoirs.saw(film.sensor)

@@ -31,6 +31,7 @@ def deep_image(
     seed: int = 0,
     *,
     intensity: float = 1.0,
+    color: tuple[float, float, float] = (1.0, 1.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Path-trace the surfaces at the pixel centres, the hidden ones too.
 
@@ -47,6 +48,7 @@ def deep_image(
         surfaces: K, surfaces of a pixel at most, ≥ 1.
         seed: Seed of the paths.
         intensity: Intensity of the declared light, cd (lx for a sun).
+        color: Its linear sRGB colour.
 
     Returns:
         Radiance [K, H, W, 3] float32, and depth along the camera's axis [K, H, W] float32, metres, infinite where there
@@ -54,7 +56,7 @@ def deep_image(
     """
     pixels, block = width * height, min(spp, LAUNCH)
     radiance, depth = np.zeros((surfaces, pixels, 3)), np.full((surfaces, pixels), np.inf, np.float32)
-    tint = upload(mi.Color3f, np.full((1, 3), intensity, np.float32))
+    tint = upload(mi.Color3f, np.float32(intensity * np.asarray([color])))
     source = None if variable is None else declared(variable, upload(mi.Vector3f, np.reshape(light, (1, 3))), scene)
     batch = max(1, LAUNCH // block)
     for start in range(0, pixels, batch):

@@ -47,6 +47,8 @@ def test_places_and_weights_of_a_view_are_those_of_each_light():
 def test_declarations_are_sorted_by_light():
     texts = (BOX, "light.radius=0.1", ARC, "node:Door.rotation=y:0..90", "sun.intensity=5")
     assert by_light(texts) == [(BOX, "light.radius=0.1"), (ARC, "sun.intensity=5")]
+    with pytest.raises(ValueError, match=r"'snu.intensity=5' is of none of the lights that vary, light, sun; name one"):
+        by_light((BOX, ARC, "snu.intensity=5"))
     assert by_light(()) == [()] and first_settings(texts, "light")[0] is None and first_settings(texts, "sun")[0] == 5
 
 

@@ -22,7 +22,9 @@ from lightwell.fields.request import Request
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.options import SurfaceOptions
 from lightwell.scenes import load
+from lightwell.scenes.assemble import assemble
 from lightwell.scenes.default_light import under_sky
+from lightwell.scenes.scene import Light, Material
 from lightwell.serving.server import LocalServer
 from tests.transport.rooms import WHITE, box, build, diffuse, quad, room_walls
 
@@ -148,6 +150,18 @@ def test_the_first_page_is_a_valid_asset():
     assert shown.glb({})[:4] == b"glTF" and shown.intensity > 0 and np.isfinite(shown.light).all()
     samples = shown.samples(4, "indirect", 1)
     assert len(samples) == 4 * module.POINTS and np.isfinite(samples.half_a).all()
+
+
+def test_a_surface_without_air_is_shown_in_the_light_of_its_own():
+    """As it is baked: no light moves where there is no air for it and nobody has declared one."""
+    floor, lamp = quad("floor", (-2, 0, -2), (0, 0, 4), (4, 0, 0)), Light("point", "lamp", (0.0, 2.0, 0.0))
+    scene = assemble("one", [floor], [Material("grey", metallic=0.0)], lights=[lamp], digest="1")
+    shown = PreviewScene.of(scene, Request())
+    assert shown.variable is None and shown.roles == ("static",) and shown.glb({})[:4] == b"glTF"
+    assert shown.samples(4, "static", 1).half_a.max() > 0
+    for request in (Request(vary=("light.radius=0.1",)), Request(static=False)):
+        with pytest.raises(ValueError, match="lies inside geometry"):
+            PreviewScene.of(scene, request)
 
 
 @pytest.mark.slow

@@ -136,6 +136,21 @@ def test_options_of_file_and_line_and_mistakes_before_the_first_bake(tmp_path, c
     assert main(["batch", "nowhere"]) == 2 and main(["batch", "."]) == 2
 
 
+def test_tables_of_one_file_are_scenes_of_their_own_and_none_overwrites_another(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = Runs()
+    monkeypatch.setattr("lightwell.cli.child.run_child", runs)
+    tables = '[scenes.out]\nscene = "cornell"\nseed = 1\n[scenes.b]\nscene = "cornell"\nseed = 2\n'
+    Path("flats.toml").write_text(tables)
+    assert main(["batch", "flats.toml", "-o", "baked"]) == 0
+    assert [(words[2], words[5:]) for words in runs.lines] == [
+        (f"--out={Path('baked') / name}", [f"--seed={k}"]) for name, k in (("out", 1), ("b", 2))
+    ]
+    Path("flats.toml").write_text('[bake]\nout = "here"\n' + tables)
+    assert main(["batch", "flats.toml", "-o", "other"]) == 2 and len(runs.lines) == 2
+    assert "scenes 'out' and 'b' have one folder, 'here'" in capsys.readouterr().err
+
+
 def test_a_batch_opens_no_page_and_waits_for_no_save(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     runs = Runs()

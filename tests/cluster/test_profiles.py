@@ -46,6 +46,18 @@ def test_missing_certificates_are_named(tmp_path):
         security_of(tmp_path)
 
 
+def test_workers_of_a_profile_are_those_of_dasks_class(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('workers = 8\nname = "mine"\n')
+    assert read_profile(str(path), "k8s") == {"n_workers": 8, "name": "mine"}
+    assert read_profile(str(path), "slurm") == {"workers": 8, "name": "mine"}
+    path.write_text("n_workers = 3\n")
+    assert read_profile(str(path), "k8s") == {"n_workers": 3}
+    path.write_text('workers = "many"\n')
+    with pytest.raises(ValueError, match=r"--cluster k8s: workers = 'many' in '.*' is no count; write"):
+        read_profile(str(path), "k8s")
+
+
 def test_the_job_script_of_the_slurm_example():
     from dask_jobqueue import SLURMCluster
 
