@@ -55,6 +55,21 @@ def first_view(loaded: Scene) -> tuple[Camera, Lamp | None]:
     return camera, Lamp(initial_light(loaded, variable, camera), loaded.core_extent**2)
 
 
+def _enlarged(live: LiveScene, baked: BakedLight, size: int, share: int) -> mi.Float:
+    """[3 N] baked radiance at one pixel of ``share`` along both edges."""
+    picture = baked_image(live, baked, max(size // share, 1))
+    whole = picture.repeat(share, axis=0).repeat(share, axis=1)
+    edge = size - len(whole)
+    return upload_floats(np.pad(whole, ((0, edge), (0, edge), (0, 0)), mode="edge").ravel())
+
+
+def _bake_state(bake: ChildBake | None, refusal: str) -> dict[str, Any] | None:
+    """What the page shows of the last bake, or of why it could not begin or be shown."""
+    if refusal:
+        return {"running": False, "seconds": 0.0, "line": "", "failed": refusal}
+    return None if bake is None else bake.state()
+
+
 class LiveSession:
     """Renders a scene continuously in one thread, while a page reads ``state`` and sends commands from others."""
 
@@ -265,11 +280,7 @@ class LiveSession:
         if self._baked_at == 2 or (self._baked_at == 1 and coarse):
             return None
         self._baked_at = 1 if coarse else 2
-        share = BAKED_SHARE if coarse else 1
-        picture = baked_image(self.live, self.baked, max(self._size // share, 1))
-        whole = picture.repeat(share, axis=0).repeat(share, axis=1)
-        edge = self._size - len(whole)
-        return upload_floats(np.pad(whole, ((0, edge), (0, edge), (0, 0)), mode="edge").ravel())
+        return _enlarged(self.live, self.baked, self._size, BAKED_SHARE if coarse else 1)
 
     def _first_hit_image(self) -> mi.Float | None:
         """The mean of the cache's values at what the camera sees; it follows the training."""
@@ -296,9 +307,6 @@ class LiveSession:
         history = cache.history
         last = history[-1] if history else None
         picture = self.pictures.get(self.shown, self.pictures["cache"])
-        bake = None if self.bake is None else self.bake.state()
-        if self._refusal:
-            bake = {"running": False, "seconds": 0.0, "line": "", "failed": self._refusal}
         return {
             "scene": self.live.name, "frame": self.frames, "picture": self.panel.number, "still": self._still,
             "shown": self.shown, "samples": picture.spp, "frozen": cache.frozen, "size": self._size,
@@ -307,7 +315,7 @@ class LiveSession:
             "materials": self.live.materials, "failure": self.failure,
             "records": last.records if last else 0, "dropped": last.dropped if last else 0,
             "steps": cache.predictor.learner.step, "scale": float(np.nan_to_num(cache.predictor.scale.value)),
-            "changes": cache.changes, "bakes": self._baker is not None, "bake": bake,
+            "changes": cache.changes, "bakes": self._baker is not None, "bake": _bake_state(self.bake, self._refusal),
             "baked": self.baked is not None,
             "bias": list(last.bias) if last and np.isfinite(last.bias).all() else None,
         }  # fmt: skip

@@ -31,6 +31,8 @@ LightKind = Literal["point", "spot", "directional"]
 
 BOUNDS = Derived[np.ndarray]("scene.bounds")
 CORE = Derived[np.ndarray]("scene.core")
+# Parameters of Mitsuba's emitters that say how bright they are.
+BRIGHTNESS = frozenset(f"{name}.{of}" for name in ("radiance", "intensity", "irradiance") for of in ("value", "data"))
 # A scene as long as this, metres, may be ground or sky for the most part: its core is where its objects are, if they
 # take at most this share of its longest edge. Meshes of more than half the edge and few triangles are ground or sky.
 LARGE_SCENE, CORE_SHARE, HUGE_SHARE, SIMPLE_TRIANGLES = 100.0, 0.25, 0.5, 2048
@@ -320,11 +322,17 @@ class Scene:
     def has_static_light(self) -> bool:
         """Whether anything in the scene itself emits light. Lamps of intensity 0 and emission by a black picture do
         not."""
-        emitters = self.mi.emitters()
-        lamps = [emitter for emitter in emitters if emitter.get_shape() is None]
-        # The records say how bright the emitters are, but for those of Mitsuba files and those that were added.
-        unrecorded = len(lamps) != len(self.lights) or any(emitter.is_environment() for emitter in lamps)
-        if not emitters or self.whole is not None or unrecorded:
-            return len(emitters) > 0
-        lights = ([light.intensity * c for c in light.color] for light in self.lights)
-        return any(max(power) > 0 for power in (*(mesh.emission for mesh in self.meshes), *lights))
+        return any(map(_shines, self.mi.emitters()))
+
+
+def _shines(emitter: Any) -> bool:
+    """Whether a ``mitsuba.Emitter`` emits light: not if its brightness is a colour or a picture, and black."""
+    from lightwell.backend import mi
+
+    # Lights of a picture and a factor list the factor alone.
+    picture = getattr(emitter, "radiance", None)
+    if picture is not None and np.max(picture.mean()) == 0:
+        return False
+    held = mi.traverse(emitter)
+    keys = [key for key in held.keys() if key in BRIGHTNESS]
+    return not keys or any(np.asarray(held[key]).max() > 0 for key in keys)
