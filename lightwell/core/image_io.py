@@ -1,4 +1,4 @@
-"""Writes pictures."""
+"""Writes pictures; grey of 16 bits as 8."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from PIL import Image
 
 from lightwell.core.color import automatic_exposure, picture_bytes
 from lightwell.files import write_atomically
+
+# Largest value of 16-bit grey over that of 8-bit grey.
+SIXTEEN_OVER_EIGHT = 257
 
 
 def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None) -> None:
@@ -27,6 +30,21 @@ def write_picture(path: Path, picture: np.ndarray, exposure: float | None = None
         return
     exposed = picture * (automatic_exposure(picture) if exposure is None else exposure)
     write_atomically(path, encoded(picture_bytes(exposed), "PNG"))
+
+
+def eight_bits(image: Image.Image) -> Image.Image:
+    """Scale 16-bit grey to 8 bits, where Pillow's ``convert`` cuts its values at 255, which is almost black.
+
+    Args:
+        image: Picture of any mode.
+
+    Returns:
+        A picture of mode L for grey of 16 bits; other pictures as they are.
+    """
+    if image.mode != "I" and not image.mode.startswith("I;16"):
+        return image
+    grey = np.clip(np.rint(np.asarray(image, np.float64) / SIXTEEN_OVER_EIGHT), 0, 255)
+    return Image.fromarray(grey.astype(np.uint8))
 
 
 def jpeg(pixels: np.ndarray, quality: int) -> bytes:

@@ -179,7 +179,7 @@ def read_mask(path: str | Path) -> Aperture:
     """
     from PIL import Image
 
-    from lightwell.lens.pictures import eight_bits
+    from lightwell.core.image_io import eight_bits
 
     try:
         with Image.open(path) as image:

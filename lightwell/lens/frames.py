@@ -322,7 +322,8 @@ def _png(path: Path) -> np.ndarray:
 def _open_image(path: Path, mode: str) -> np.ndarray:
     from PIL import Image
 
-    from lightwell.lens.pictures import eight_bits, levels
+    from lightwell.core.image_io import eight_bits
+    from lightwell.lens.pictures import levels
 
     try:
         with Image.open(path) as image:

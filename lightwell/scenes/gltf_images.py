@@ -12,11 +12,12 @@ import numpy as np
 from PIL import Image as PillowImage
 
 from lightwell.basisu import codec as basisu
+from lightwell.core.image_io import eight_bits
 from lightwell.scenes.errors import SceneError
 from lightwell.scenes.gltf_accessors import Accessors
 from lightwell.scenes.gltf_container import Document
 from lightwell.scenes.gltf_json import Place
-from lightwell.scenes.scene import Image, Texture, eight_bits
+from lightwell.scenes.scene import Image, Texture
 
 WRAPS = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 # The magnification filter NEAREST; all others are bilinear here.

@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from PIL import Image as PillowImage
 
+from lightwell.core.image_io import eight_bits
 from lightwell.core.notebook import card, png_uri
 from lightwell.scenes.clip_mover import ClipMotion
 from lightwell.scenes.executor import RowExecutor
@@ -61,20 +62,6 @@ class Image:
             # Loaders limit the size of images; Pillow's own, lower limit only warns.
             warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)
             return np.asarray(eight_bits(PillowImage.open(io.BytesIO(self.data))).convert("RGBA"))
-
-
-def eight_bits(picture: PillowImage.Image) -> PillowImage.Image:
-    """Scale a grey picture of 16 bits to 8, where Pillow's ``convert`` would cut its values at 255.
-
-    Args:
-        picture: Picture of any mode.
-
-    Returns:
-        A picture of mode L; other pictures as they are.
-    """
-    if not picture.mode.startswith("I"):
-        return picture
-    return PillowImage.fromarray((np.asarray(picture).clip(0, 65535) >> 8).astype(np.uint8))
 
 
 @dataclass(frozen=True)
