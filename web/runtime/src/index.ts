@@ -1,3 +1,4 @@
+export { filterAnisotropically } from "./anisotropy.ts";
 export { clearBehindGlass } from "./behind-glass.ts";
 export { Arc } from "./arc.ts";
 export { FormatError, type Vec3 } from "./checks.ts";

@@ -1,6 +1,6 @@
 /** Finds the scene and the page data: in the page, behind an address, or in a dropped file. */
 
-import { FormatError, LightwellLoaderPlugin, parseLearned } from "lightwell";
+import { FormatError, filterAnisotropically, LightwellLoaderPlugin, parseLearned } from "lightwell";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { decodeBase64 } from "./base64.ts";
@@ -89,11 +89,13 @@ async function loadGlb(buffer: ArrayBuffer, page: PageData, name: string): Promi
   return { gltf: await again(), again, page, name, bytes: buffer.byteLength };
 }
 
-function parse(buffer: ArrayBuffer): Promise<GLTF> {
+async function parse(buffer: ArrayBuffer): Promise<GLTF> {
   const loader = new GLTFLoader();
   loader.setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new LightwellLoaderPlugin(parser));
-  return withTimeout(parseLearned(loader, buffer), PARSE_TIMEOUT_MS);
+  const gltf = await withTimeout(parseLearned(loader, buffer), PARSE_TIMEOUT_MS);
+  filterAnisotropically(gltf.scene);
+  return gltf;
 }
 
 async function withTimeout<T>(work: Promise<T>, ms: number): Promise<T> {

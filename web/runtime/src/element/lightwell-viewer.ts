@@ -3,6 +3,7 @@
 import { PerspectiveCamera, Scene } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { type GLTF, GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
+import { filterAnisotropically } from "../anisotropy.ts";
 import { LearnedScene } from "../learned-scene.ts";
 import { LightwellLoaderPlugin } from "../loader.ts";
 import { SkyBackground } from "../sky-background.ts";
@@ -162,6 +163,7 @@ export class LightwellViewer extends ElementBase implements Client {
       const loader = new GLTFLoader().register((parser) => new LightwellLoaderPlugin(parser, { renderer }));
       const gltf = await loader.loadAsync(src, (event) => this.progress(event, load));
       if (load !== this.loads || !this.shared) return;
+      filterAnisotropically(gltf.scene);
       const learned = new LearnedScene(gltf, { renderer });
       const scene = new Scene();
       scene.add(learned.root);
