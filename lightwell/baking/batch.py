@@ -105,20 +105,22 @@ def batch(settings: BatchSettings, run: Callable[[Sequence[str]], int], progress
         rows[k] = row | {"state": STARTED}
         _write(settings.out, rows)
         progress.say(f"[bold]{scene.name}[/] ({k + 1} of {len(rows)}){', goes on' if resumed else ''}")
-        rows[k] = row | _baked(scene, settings.out, resumed, run)
+        rows[k] = row | _baked(scene, settings, resumed, run)
         _write(settings.out, rows)
     numbers = _write(settings.out, rows)
     progress.say(_table(rows))
     return numbers
 
 
-def _baked(scene: BatchScene, out: Path, resumed: bool, run: Callable[[Sequence[str]], int]) -> dict[str, Any]:
+def _baked(
+    scene: BatchScene, settings: BatchSettings, resumed: bool, run: Callable[[Sequence[str]], int]
+) -> dict[str, Any]:
     """Bake a scene; its state and figures."""
-    log = make_folder(out / LOGS) / f"{scene.name}.txt"
+    log = make_folder(settings.out / LOGS) / f"{scene.name}.txt"
     log.unlink(missing_ok=True)
     start = perf_counter()
     words = ["bake", scene.source, f"--out={scene.out}", "--config=none", f"--log={log}", *scene.words]
-    code = run([*words, *(["--resume"] if resumed else [])])
+    code = run([*words, *(["--force"] if settings.force else []), *(["--resume"] if resumed else [])])
     seconds = round(perf_counter() - start, 1)
     if code == INTERRUPTED:
         raise KeyboardInterrupt

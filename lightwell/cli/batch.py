@@ -25,7 +25,7 @@ The same command goes on where an interrupted one was: finished scenes whose fil
 kept. A scene that fails does not end the batch. Options of bake that are given here hold for every scene."""
 # Options that belong to the batch, not to its bakes.
 OWN = (
-    "out", "json", "config", "log", "force", "resume", "target", "verb", "words",
+    "out", "json", "config", "log", "force", "resume", "target",
     # Of a bake that somebody looks at: it would wait for saves, or for Ctrl-C.
     "preview", "watch", "port", "no_open",
 )  # fmt: skip
@@ -43,7 +43,6 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     parser.add_argument("target", metavar="FILE|FOLDER", help=f"a {FILE} with scenes, or a folder of scene files")
     parser.add_argument("-o", "--out", help="folder to write (default: batch)")
     add_bake_options(parser, argv)
-    parser.set_defaults(words=tuple(argv))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -76,16 +75,19 @@ def _scenes(arguments: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     target = Path(arguments.target)
     found = _configuration(target, arguments.config)
     sources = _sources(target, found)
-    known = options_by_name(verb_parser("bake", arguments.words))
-    given = given_values(verb_parser("batch", arguments.words), arguments.words)
+    known = options_by_name(verb_parser("bake", arguments.typed))
+    given = given_values(verb_parser("batch", arguments.typed), arguments.typed)
     said = {name: value for name, value in given.items() if name in known and name not in OWN}
+    # Options of every scene: [bake], then [batch], which the table of a scene replaces.
+    of_all = found.options("bake", "", verb_parser)
+    of_all |= {name: v for name, v in found.options("batch", "", verb_parser).items() if name not in OWN}
     words = [word for name, value in said.items() for word in words_of(known[name], value)]
     out = Path(arguments.out or found.verbs.get("batch", {}).get("out", "batch"))
     scenes: dict[str, Any] = {}
     for name, source in sources.items():
         check_source(source)
         # Of a settings file each table is a scene of its own, also where several name one file.
-        options = found.options("bake", source, verb_parser, name if target.is_file() else None)
+        options = of_all | found.scene_options("bake", source, verb_parser, name if target.is_file() else None)
         folder = options.pop("out", out / name)
         own = [*option_words("bake", options, {*said, *OWN}, found.path, verb_parser), *words]
         _check(verb_parser("bake", own), [source, f"--out={folder}", *own])

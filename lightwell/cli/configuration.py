@@ -28,6 +28,8 @@ FILE = "lightwell.toml"
 NO_FILE = "none"
 # Verbs that read the tables of scenes.
 SCENE_VERBS = ("bake",)
+# Verbs whose target may be the settings file itself.
+TARGET_VERBS = ("batch",)
 # Options that cannot stand in a file: they name it, or ask for help.
 _LEFT_OUT = ("config",)
 # Largest file that is read, bytes.
@@ -58,26 +60,50 @@ class Configuration:
     scenes: Mapping[str, SceneTable] = field(default_factory=dict)
 
     def options(self, verb: str, scene: str, parser_of: ParserOf, only: str | None = None) -> dict[str, Any]:
-        """Find the options of a verb for a scene. One that does not exist is a ``ValueError`` of one line.
+        """Find the options of a verb for a scene.
 
         Args:
             verb: Name of the verb.
             scene: Name or path of the scene; empty for none.
             parser_of: Makes the parser of a verb.
-            only: Name of the scene's table, of several tables of one scene; None: all of them count.
+            only: Name of the scene's table, of several tables of one scene; None: there must not be several.
 
         Returns:
             Options by name; those of the scene's table replace those of the verb's.
+
+        Raises:
+            ValueError: An option does not exist, or several tables are of this scene; one line.
         """
-        tables = [(f"[{verb}]", self.verbs.get(verb, {}))]
-        if verb in SCENE_VERBS and scene:
-            own = [t for t in self.scenes.values() if only in (None, t.name) and _same(t.source, scene)]
-            tables += [(f"[scenes.{t.name}]", t.options) for t in own]
-        found: dict[str, Any] = {}
-        for title, table in tables:
-            known = _known(verb, table, parser_of)
-            found |= dict(_option(known, key, value, f"{self.path}: {title}") for key, value in table.items())
-        return found
+        found = self._options(verb, parser_of, f"[{verb}]", self.verbs.get(verb, {}))
+        return found | (self.scene_options(verb, scene, parser_of, only) if verb in SCENE_VERBS and scene else {})
+
+    def scene_options(self, verb: str, scene: str, parser_of: ParserOf, only: str | None = None) -> dict[str, Any]:
+        """Find the options of the table of a scene alone.
+
+        Args:
+            verb: Name of the verb, one of ``SCENE_VERBS``.
+            scene: Name or path of the scene.
+            parser_of: Makes the parser of a verb.
+            only: As for ``options``.
+
+        Returns:
+            Options by name; none where the scene has no table.
+
+        Raises:
+            ValueError: An option does not exist, or several tables are of this scene; one line.
+        """
+        own = [t for t in self.scenes.values() if only in (None, t.name) and _same(t.source, scene)]
+        if len(own) > 1:
+            raise ValueError(
+                f"{self.path}: [scenes.{own[0].name}] and [scenes.{own[1].name}] are both of '{scene}', each with "
+                f"options of its own; bake them with 'lightwell batch {self.path}', or leave the file out with "
+                f"--config {NO_FILE}"
+            )
+        return self._options(verb, parser_of, f"[scenes.{own[0].name}]", own[0].options) if own else {}
+
+    def _options(self, verb: str, parser_of: ParserOf, title: str, table: Mapping[str, Any]) -> dict[str, Any]:
+        known = _known(verb, table, parser_of)
+        return dict(_option(known, key, value, f"{self.path}: {title}") for key, value in table.items())
 
 
 def add_config_option(parser: argparse._ActionsContainer) -> None:
@@ -106,10 +132,10 @@ def with_configuration(verb: str, words: Sequence[str], parser_of: ParserOf) -> 
     Returns:
         The words, then the options of the file that they do not give.
     """
-    if "-h" in words or "--help" in words or not _may_apply(words):
+    if "-h" in words or "--help" in words or not (verb in TARGET_VERBS or _may_apply(words)):
         return list(words)
     given = given_values(parser_of(verb, words), words)
-    path = _chosen(given.get("config"))
+    path = _chosen(given.get("config"), given.get("target") if verb in TARGET_VERBS else None)
     if path is None:
         return list(words)
     found = read_configuration(path)
@@ -170,10 +196,15 @@ def read_configuration(path: Path) -> Configuration:
 
 
 def _may_apply(words: Sequence[str]) -> bool:
-    return Path(FILE).is_file() or any(word.startswith("--conf") for word in words)
+    # Options may be shortened.
+    return Path(FILE).is_file() or any(word.startswith("--c") for word in words)
 
 
-def _chosen(asked: str | None) -> Path | None:
+def _chosen(asked: str | None, target: str | None) -> Path | None:
+    if target and Path(target).is_file():
+        if asked not in (None, NO_FILE):
+            raise ValueError(f"--config: '{target}' is the settings file of this batch; leave --config out")
+        return Path(target)
     if asked == NO_FILE:
         return None
     path = Path(asked or FILE)

@@ -63,6 +63,9 @@ def _language(arguments: argparse.Namespace) -> list[Path]:
         cure = did_you_mean(arguments.to, [*TARGETS, *ENGINES], "choose one of them")
         raise ValueError(f"export: expected --to {known}, found '{arguments.to}'; {cure}")
     path = Path(arguments.path)
+    asset = path / "scene.glb" if path.is_dir() else path
+    if arguments.out and Path(arguments.out).exists() and asset.exists() and Path(arguments.out).samefile(asset):
+        raise ValueError(f"export: -o '{arguments.out}' is the asset itself, which would be lost; give another file")
     names = {"field": arguments.field, "name": arguments.name, "weights": arguments.weights}
     exported = export_field(path, arguments.to, **names, **given_options(arguments, LimitOptions, "export"))
     out = Path(arguments.out) if arguments.out else _beside(path) / f"{arguments.name}{ENDINGS[arguments.to]}"

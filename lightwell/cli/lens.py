@@ -21,8 +21,10 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
         parser: Parser of the verb.
         argv: Words after the verb; 'bake' or 'check' among them means a tool for libraries.
     """
-    lens.add(parser, next((word for word in argv if word in TOOLS), ""))
-    add_options(parser, LimitOptions)
+    tool = next((word for word in argv if word in TOOLS), "")
+    lens.add(parser, tool)
+    if tool != "bake":  # It reads no file that could ask for anything.
+        add_options(parser, LimitOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(words: list[str]) -> int:
     verb = words[0] if words and words[0] in VERBS else ""
-    arguments = argparse.Namespace(verb=verb, started=perf_counter())
+    arguments = argparse.Namespace(verb=verb, started=perf_counter(), typed=tuple(words[1:]))
     interrupts = Interrupts()
     try:
         with interrupts:
@@ -127,7 +127,9 @@ def verb_parser(verb: str, argv: Sequence[str] = ()) -> Parser:
         from lightwell.cli.configuration import add_config_option
         from lightwell.cli.this_machine import add_machine_options
 
-        add_config_option(add_machine_options(parser))
+        group = add_machine_options(parser)
+        if not set(getattr(module, "TOOLS", ())) & set(argv):  # Tools of a verb read no settings.
+            add_config_option(group)
     return parser
 
 

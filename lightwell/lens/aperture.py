@@ -196,17 +196,38 @@ def read_mask(path: str | Path) -> Aperture:
     return from_picture(pixels[..., 0] * pixels[..., 1], where=str(path))
 
 
+def picture_of(text: str) -> list[tuple[str, str]]:
+    """Find the file that an ``--aperture`` names.
+
+    Args:
+        text: ``disc``, the name of a polygon (``POLYGONS``), or the path of a picture.
+
+    Returns:
+        The option and the path; nothing for a shape without a picture.
+    """
+    return [] if text == "disc" or text in POLYGONS else [("--aperture", text)]
+
+
 def parse(text: str, blades: int | None = None, angle: float = 0.0) -> Aperture:
     """Parse the aperture options of the command line.
 
     Args:
         text: ``disc``, the name of a polygon (``POLYGONS``), or the path of a picture.
-        blades: Number of sides of a polygon, 3 to 64; overrides ``text``.
+        blades: Number of sides of a polygon, 3 to 64, where ``text`` is ``disc``; None: as ``text`` says.
         angle: Rotation of a polygon, degrees.
 
     Returns:
         The aperture.
+
+    Raises:
+        LensError: The options contradict each other, ``blades`` is out of range, or the picture cannot be read.
     """
+    if blades is not None and text != "disc" and POLYGONS.get(text) != blades:
+        raise LensError(f"lens: --aperture {text} has no {blades} blades; leave out --aperture or --blades")
+    if angle and blades is None and text not in POLYGONS:
+        raise LensError(
+            f"lens: --blade-angle {angle:g} turns polygons, not --aperture {text}; leave it out, or add --blades N"
+        )
     if blades is not None:
         return polygon(blades, angle)
     if text == "disc":

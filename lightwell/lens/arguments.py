@@ -21,6 +21,9 @@ TOOLS = {
     "check": "Integrate a library of spreadlets back, and print its errors; exit code 1 when a limit is broken.",
 }
 
+# Distance of the near plane where a file's depth begins there and none is given, scene units: Mitsuba's default.
+NEAR = 0.01
+
 
 def add(parser: argparse.ArgumentParser, tool: str = "") -> None:
     """Add the options of the verb, or those of one of its tools.
@@ -71,7 +74,7 @@ def _camera(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def _aperture(group: argparse._ActionsContainer) -> None:
+def _aperture(group: argparse._ActionsContainer, cats_eye: float | None = 0.0, without: str = "0") -> None:
     group.add_argument(
         "--aperture",
         metavar="SHAPE",
@@ -80,10 +83,18 @@ def _aperture(group: argparse._ActionsContainer) -> None:
     )
     group.add_argument("--blades", metavar="N", type=int, help="number of blades of a polygon")
     group.add_argument(
-        "--blade-angle", metavar="DEGREES", type=float, default=0.0, help="its rotation, degrees (default: %(default)s)"
+        "--blade-angle",
+        metavar="DEGREES",
+        type=float,
+        default=0.0,
+        help="rotation of the polygon, degrees (default: %(default)s)",
     )
     group.add_argument(
-        "--cats-eye", type=float, default=0.0, metavar="S", help="vignetting of the corners' bokeh, 0 to 1.8"
+        "--cats-eye",
+        type=float,
+        default=cats_eye,
+        metavar="S",
+        help=f"vignetting of the corners' bokeh, 0 or more, below 1.8 (default: {without})",
     )
 
 
@@ -118,7 +129,7 @@ def _quality(group: argparse._ArgumentGroup) -> None:
 
 
 def _channels(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--view", help="view of a stereo file (default: its first)")
+    group.add_argument("--view", help="view of a stereo file, also of --depth-file (default: its first)")
     group.add_argument("--depth-channel", metavar="NAME", help="channel of depth, for example ViewLayer.Depth.Z")
     group.add_argument(
         "--depth-file", metavar="FILE", help="depth from another file: .exr, .png with --depth-range (#### as in FRAME)"
@@ -127,7 +138,7 @@ def _channels(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--depth", dest="depth_kind", default="auto", help="planar, ray, ray-from-near or inverse (default: by name)"
     )
-    group.add_argument("--near", type=float, default=0.01, help="near plane for ray-from-near (default: %(default)s)")
+    group.add_argument("--near", type=float, help=f"near plane for ray-from-near, scene units (default: {NEAR})")
     group.add_argument("--motion-channels", metavar="X,Y", help="two channels of motion, joined by a comma")
     group.add_argument(
         "--motion", dest="motion_kind", default=None, help="auto, none, or words of: pixels ndc uv backward y-up"
@@ -141,12 +152,18 @@ def _bake(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--largest", metavar="PX", type=float, help="largest blur radius baked, pixels (default: 32)")
     parser.add_argument(
-        "--longest", metavar="PX", type=float, default=64.0, help="longest motion baked, pixels (default: %(default)s)"
+        "--longest",
+        metavar="PX",
+        type=float,
+        help="longest motion baked, pixels, of the families with speed (default: 64)",
     )
     parser.add_argument(
-        "--noise", metavar="N", type=float, help="noise that the radius axis allows in flat areas (default: 0.0025)"
+        "--noise",
+        metavar="N",
+        type=float,
+        help="noise that the radius axis allows in flat areas: of the family depth (default: 0.0025), of others 0.03",
     )
-    _aperture(parser)
+    _aperture(parser, cats_eye=None, without="1, of the family cats-eye")
     _preset(parser)
     parser.add_argument("--two-arrays", metavar="FOLDER", help="also write the published layout as two .npy files")
 

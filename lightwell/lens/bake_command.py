@@ -13,12 +13,15 @@ from lightwell.files import check_writable, make_folder
 from lightwell.lens import aperture, families
 from lightwell.lens.bake import bake_nodes
 from lightwell.lens.errors import LensError
+from lightwell.lens.kept import check_inputs_are_kept
 from lightwell.lens.library import Library, two_arrays
 from lightwell.lens.progress import bars
 from lightwell.lens.settings import PRESETS, LensSettings
 
-# Largest blur radius that is baked by default, pixels.
-LARGEST = 32.0
+# Largest blur radius and longest motion that are baked by default, pixels.
+LARGEST, LONGEST = 32.0, 64.0
+# Strength of a cat's eye where none is given.
+CATS_EYE = 1.0
 # Largest number of nodes; more would bake for hours.
 MOST_NODES = 20_000
 
@@ -39,22 +42,29 @@ def family_of(arguments: argparse.Namespace) -> families.Family:
     largest = LARGEST if arguments.largest is None else arguments.largest
     noise = {} if arguments.noise is None else {"noise": arguments.noise}
     if arguments.noise is not None and not 1e-5 <= arguments.noise <= 1:
-        raise LensError(f"lens: --noise {arguments.noise:g}; use 0.00001 to 1, the default is 0.0025")
+        default = families.NOISE if arguments.family == "depth" else families.NOISE_JOINT
+        raise LensError(f"lens: --noise {arguments.noise:g}; use 0.00001 to 1, the default is {default:g}")
     if arguments.family in ("depth-speed", "cats-eye") and not shape.round:
         raise LensError(
             f"lens bake: the family {arguments.family} has a round aperture; leave out --aperture and --blades, or "
             "give --family depth or shaped-speed"
         )
+    if arguments.longest is not None and arguments.family in ("depth", "cats-eye"):
+        raise LensError(
+            f"lens bake: --longest is not of the family {arguments.family}, which has no motion; leave it out, or give "
+            "--family depth-speed or shaped-speed"
+        )
+    longest = LONGEST if arguments.longest is None else arguments.longest
     if arguments.cats_eye and arguments.family != "cats-eye":
         raise LensError(f"lens bake: --cats-eye is not of the family {arguments.family}; give --family cats-eye")
     if arguments.family == "depth":
         return families.depth(largest, shape, **noise)
     if arguments.family == "depth-speed":
-        return families.depth_speed(largest, arguments.longest, **noise)
+        return families.depth_speed(largest, longest, **noise)
     if arguments.family == "shaped-speed":
-        return families.shaped_speed(largest, arguments.longest, shape, **noise)
+        return families.shaped_speed(largest, longest, shape, **noise)
     if arguments.family == "cats-eye":
-        return families.cats_eye(largest, arguments.cats_eye or 1.0, **noise)
+        return families.cats_eye(largest, CATS_EYE if arguments.cats_eye is None else arguments.cats_eye, **noise)
     raise LensError(f"lens: no family {arguments.family!r}; choose {', '.join(families.NAMES)}")
 
 
@@ -78,6 +88,7 @@ def run_bake(arguments: argparse.Namespace) -> int:
         raise LensError(
             f"lens bake: {family.size} nodes are more than {MOST_NODES}; lower --largest or --longest or raise --noise"
         )
+    check_inputs_are_kept("lens bake", [("LIBRARY", path)], aperture.picture_of(arguments.aperture))
     make_folder(path.parent)
     check_writable(path)
     arrays = None if arguments.two_arrays is None else make_folder(arguments.two_arrays)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from lightwell.files import check_writable
 from lightwell.lens import aperture, pyramid
 from lightwell.lens.errors import LensError
+from lightwell.lens.kept import check_inputs_are_kept
 from lightwell.lens.library import Library, load
 from lightwell.lens.plot import picture
 from lightwell.lens.score import LibraryScore, plane_of, score
@@ -132,10 +133,16 @@ def run_check(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code: 0, or 1 when a limit is exceeded.
     """
-    shape = None
-    if arguments.aperture not in ("disc", *aperture.POLYGONS):
-        shape = aperture.parse(arguments.aperture)
-    library = load(arguments.library, shape, Limits.parse(getattr(arguments, "limits", ())))
+    if arguments.aperture in aperture.POLYGONS:
+        raise LensError(
+            f"lens check: a library knows its polygon; leave out --aperture {arguments.aperture}, which is for the "
+            "picture of a drawn shape"
+        )
+    pictures = aperture.picture_of(arguments.aperture)
+    shape = aperture.parse(arguments.aperture) if pictures else None
+    if arguments.plot:
+        check_inputs_are_kept("lens check", [("--plot", arguments.plot)], [("LIBRARY", arguments.library), *pictures])
+    library = _of_shape(load(arguments.library, None, Limits.parse(getattr(arguments, "limits", ()))), shape)
     if arguments.plot:
         check_writable(arguments.plot)
     found = check(library, arguments.limit_error, arguments.limit_leak, arguments.node)
@@ -156,6 +163,15 @@ def run_check(arguments: argparse.Namespace) -> int:
     else:
         _print(library, found, broken, pyramids)
     return BROKEN if broken else 0
+
+
+def _of_shape(library: Library, shape: aperture.Aperture | None) -> Library:
+    """Give a library the picture of its shape; refuse that of another one, by which every node would look broken."""
+    if shape is None:
+        return library
+    if (stored := library.family.aperture.key()) != shape.key():
+        raise LensError(f"lens check: the library was baked for the aperture {stored}, not this picture; give its own")
+    return replace(library, family=replace(library.family, aperture=shape))
 
 
 def _print(library: Library, found: list[Finding], broken: list[Finding], pyramids: dict[str, LibraryScore]) -> None:

@@ -17,8 +17,10 @@ from lightwell.core.store import user_store
 from lightwell.exr.header import Window
 from lightwell.files import check_writable, whole_file
 from lightwell.lens import aperture, conventions, exr, frames, prescription
+from lightwell.lens.arguments import NEAR
 from lightwell.lens.camera import LensCamera, distance
 from lightwell.lens.errors import LensError
+from lightwell.lens.kept import check_inputs_are_kept
 from lightwell.lens.library_cache import LibraryCache
 from lightwell.lens.pipeline import Lens
 from lightwell.lens.progress import bars
@@ -64,8 +66,11 @@ def _blur(arguments: argparse.Namespace) -> int:
     if not arguments.out:
         raise LensError("lens: no picture to write; name it with -o OUT.exr or -o OUT.png")
     settings = _settings(arguments)
+    if arguments.focus is not None and arguments.focus_at is not None:
+        raise LensError("lens: --focus and --focus-at both say what is in focus; leave out one of them")
     jobs = list(_jobs(arguments))
     _check_targets([job.target for job in jobs])
+    check_inputs_are_kept("lens", (("-o", job.target) for job in jobs), _read(arguments, jobs))
     lines = []
     with bars(arguments.json) as bar:
         lens = Lens(settings, LibraryCache(bar, store=user_store(arguments.store)))
@@ -144,6 +149,16 @@ def _check_targets(targets: Sequence[Path]) -> None:
         if target.is_dir() or target.parent not in folders:
             check_writable(target)
         folders.add(target.parent)
+
+
+def _read(arguments: argparse.Namespace, jobs: Sequence[Job]) -> Iterator[tuple[str, str | Path]]:
+    """Yield the option and path of every file that is read."""
+    for job in jobs:
+        frames_read = (("FRAME", job.source), ("FRAME", job.following), ("--depth-file", job.depth_file))
+        yield from ((name, path) for name, path in frames_read if path is not None)
+    yield from aperture.picture_of(arguments.aperture)
+    if arguments.prescription is not None:
+        yield "--prescription", arguments.prescription
 
 
 def _pair(text: str, joint: str, option: str, kind: Callable[[str], Any] = float) -> tuple[Any, Any]:
@@ -233,20 +248,31 @@ def _camera(
         "shutter": arguments.shutter,
         "scene_unit": unit,
     }
-    focus = distance(arguments.focus, "--focus", "m") if arguments.focus else None
+    focus, near = distance(arguments.focus, "--focus", "m") if arguments.focus else None, _near(arguments, frame)
     if arguments.focus_at is not None:
         far = LensCamera(**lengths, focus=max(1e4 * lengths["focal"], 1.0))
         x, y = _pair(arguments.focus_at, ",", "--focus-at")
         at_x, at_y = x + whole[0] - frame.window[0], y + whole[1] - frame.window[1]
-        focus = frames.focus_at(frame.planar(far, arguments.depth_kind, arguments.near), at_x, at_y) * unit
+        focus = frames.focus_at(frame.planar(far, arguments.depth_kind, near), at_x, at_y) * unit
     if focus is None:
         raise LensError("lens: no focus distance; give --focus 2.5m or --focus-at X,Y")
     camera = LensCamera(**lengths, focus=focus)
-    depth = frame.planar(camera, arguments.depth_kind, arguments.near)
+    depth = frame.planar(camera, arguments.depth_kind, near)
     finite = depth[np.isfinite(depth) & (depth > 0)]
     if finite.size and finite.min() == finite.max() and np.isfinite(depth).all():
         print(f"lens: all of depth is {finite.min():g}; is this the right channel?", file=sys.stderr)
-    return camera, depth, frame.planar_behind(camera, arguments.depth_kind, arguments.near)
+    return camera, depth, frame.planar_behind(camera, arguments.depth_kind, near)
+
+
+def _near(arguments: argparse.Namespace, frame: frames.FrameFile) -> float:
+    """Return the distance of the near plane; one that the frame's depth has no use for is refused."""
+    kind = frame.depth_kind if arguments.depth_kind == "auto" else arguments.depth_kind
+    if arguments.near is not None and kind != "ray-from-near":
+        raise LensError(
+            f"lens: --near is for depth of the kind ray-from-near, and this is {kind}; leave it out, or give --depth "
+            "ray-from-near"
+        )
+    return NEAR if arguments.near is None else arguments.near
 
 
 def _motion(
@@ -281,6 +307,9 @@ def _motion(
         unknown = set(words) - {"pixels", "ndc", "uv", "backward", "forward", "y-up", "y-down"}
         if unknown:
             raise LensError(f"lens: --motion {arguments.motion_kind!r}; use auto, none, or pixels|ndc|uv backward y-up")
+        for one_of in (conventions.UNITS, ("backward", "forward"), ("y-up", "y-down")):
+            if len(both := [word for word in one_of if word in words]) > 1:
+                raise LensError(f"lens: --motion says {' and '.join(both)}; leave out one of them")
         unit = next((w for w in words if w in conventions.UNITS), "pixels")
         convention = conventions.Motion(unit, "backward" in words, "y-up" in words)
     else:

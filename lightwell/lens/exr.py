@@ -30,13 +30,16 @@ class Channels:
     """Deep channel name to the number of samples of each pixel [height, width] and all samples in their order."""
 
 
-def read(path: str | Path, view: str | None = None, limits: Limits | None = None) -> Channels:
+def read(
+    path: str | Path, view: str | None = None, limits: Limits | None = None, without_views: bool = False
+) -> Channels:
     """Read all channels of one view on the union of their data windows; pixels outside a part's own window are 0.
 
     Args:
         path: An EXR file: scan lines, tiles, several parts, or deep.
         view: Name of a view; None for the first one of the file.
         limits: Limits on what the file may request; None for ``Limits()``.
+        without_views: Whether a file that has no views is of every view.
 
     Returns:
         The channels.
@@ -51,7 +54,7 @@ def read(path: str | Path, view: str | None = None, limits: Limits | None = None
     budget = limits.budget(f"lens: {path}", LensError)
     try:
         headers = read_header(path, budget)
-        chosen = _chosen(path, headers, view)
+        chosen = _chosen(path, headers, view, without_views)
         window = _union([headers[i].window for i in chosen])
         display = headers[chosen[0]].display
         _, _, width, height = _union([window, display])
@@ -69,10 +72,10 @@ def read(path: str | Path, view: str | None = None, limits: Limits | None = None
     return found
 
 
-def _chosen(path: Path, headers: Sequence[ExrPart], view: str | None) -> list[int]:
+def _chosen(path: Path, headers: Sequence[ExrPart], view: str | None, without_views: bool) -> list[int]:
     """Return the indices of the parts of a view, and of those that belong to no view."""
     known = list(dict.fromkeys(part.view for part in headers if part.view))
-    if view is not None and view not in known:
+    if view is not None and view not in known and (known or not without_views):
         raise LensError(f"lens: {path} has no view {view!r}; it has {', '.join(known) or 'none'}")
     wanted = view or (known[0] if known else None)
     return [i for i, part in enumerate(headers) if not part.view or part.view == wanted]

@@ -192,7 +192,7 @@ def cats_eye(largest: float, strength: float, noise: float = NOISE_JOINT) -> Fam
         LensError: The strength is out of range.
     """
     if not 0 <= strength < 1.8:
-        raise LensError(f"lens: a cat's eye of strength {strength:g}; use 0 (none) to 1.8 (nearly closed)")
+        raise LensError(f"lens: a cat's eye of strength {strength:g}; use 0 (none) or more, below 1.8 (closed)")
     field_axis = uniform_axis("field", 0.0, 1.0, FIELD_NODES)
     return Family("cats-eye", _joint(largest, noise), field_axis, strength=strength)
 

@@ -183,7 +183,7 @@ def read(
 
     Args:
         path: EXR, or a picture in sRGB such as PNG.
-        view: View of a stereo file; None for the first.
+        view: View of a stereo file, and of a depth file that has views; None for the first.
         depth_channel: Channel of depth; None to find it by name.
         motion_channels: Two channels of motion, joined by a comma; None to find them by name.
         depth_file: File with the depth; None for the frame itself.
@@ -212,6 +212,8 @@ def read(
         motion, motion_name = _motion(names, path, motion_channels)
     else:
         rgba = _png(path)
+        if view is not None and Path(depth_file or "").suffix.lower() != ".exr":
+            raise LensError(f"lens: {path} is no EXR and has no view {view!r}; leave out --view")
         if motion_channels is not None:
             raise LensError(f"lens: {path} is no EXR and has no channels of motion; leave out --motion-channels")
         height, width = rgba.shape[:2]
@@ -223,7 +225,9 @@ def read(
             "give their unit with --scene-unit"
         )
     if depth_file is not None:
-        depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range, limits)
+        # The views of a picture such as PNG can only be those of its depth file.
+        one_of_all = path.suffix.lower() == ".exr"
+        depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range, limits, view, one_of_all)
     elif not names:
         raise LensError(f"lens: {path} holds no depth; give one with --depth-file DEPTH.exr or DEPTH.png")
     else:
@@ -335,12 +339,20 @@ def _open_image(path: Path, mode: str) -> np.ndarray:
 
 
 def _depth_file(
-    path: str | Path, channel: str | None, range_: tuple[float, float] | None, limits: Limits | None
+    path: str | Path,
+    channel: str | None,
+    range_: tuple[float, float] | None,
+    limits: Limits | None,
+    view: str | None,
+    one_of_all: bool,
 ) -> tuple[np.ndarray, str, str]:
-    """Read depth from a separate file; a PNG holds shares of the range ``near,far``, the depths of black and white."""
+    """Read depth from a separate file; a PNG holds shares of the range ``near,far``, the depths of black and white.
+
+    A file without views may be ``one_of_all``: the depth of every view.
+    """
     path = Path(path)
     if path.suffix.lower() == ".exr":
-        found = exr.read(path, limits=limits)
+        found = exr.read(path, view, limits, without_views=one_of_all)
         names = found.names
         if channel is None and len(names) == 1:
             channel = next(iter(names))

@@ -33,7 +33,7 @@ class LensSettings:
     choice: str = "auto"
     """Node of a value between two: ``stochastic`` (dithered) or ``nearest``; ``auto``: nearest where steps are fine."""
     cats_eye: float = 0.0
-    """Strength of mechanical vignetting at the corners, 0 to 1.8; without motion and with a round aperture."""
+    """Strength of mechanical vignetting at the corners, 0 or more, below 1.8; without motion, aperture round."""
     prescription: Prescription | None = None
     """A real lens in place of aperture and cat's eye; without motion."""
     largest: float = 256.0

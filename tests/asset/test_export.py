@@ -57,6 +57,17 @@ def test_mistakes_are_one_line(arguments, message, capsys):
     assert error.count("\n") == 1
 
 
+def test_the_asset_is_not_written_over(tmp_path, capsys):
+    shutil.copy(ASSET, tmp_path / "scene.glb")
+    (tmp_path / "link.txt").symlink_to("scene.glb")
+    for path in (tmp_path, tmp_path / "scene.glb"):
+        for out in ("scene.glb", "link.txt"):
+            assert main(["export", str(path), "--to", "glsl", "-o", str(tmp_path / out)]) == 2
+            error = capsys.readouterr().err
+            assert "is the asset itself, which would be lost" in error and error.count("\n") == 1
+    assert (tmp_path / "scene.glb").read_bytes() == ASSET.read_bytes()
+
+
 def test_no_engine_is_one_line_with_its_cure(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     try:

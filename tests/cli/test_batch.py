@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -134,6 +135,34 @@ def test_options_of_file_and_line_and_mistakes_before_the_first_bake(tmp_path, c
     assert main(["batch", "flats.toml", "-o", "other"]) == 2 and not Path("other").exists()
     assert "did you mean 'large'" in capsys.readouterr().err
     assert main(["batch", "nowhere"]) == 2 and main(["batch", "."]) == 2
+
+
+def test_options_of_the_batch_come_after_those_of_a_scene_and_are_read_from_its_file(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runs = Runs()
+    monkeypatch.setattr("lightwell.cli.child.run_child", runs)
+    Path("lightwell.toml").write_text("[batch]\nviews = 9\n")
+    Path("flats.toml").write_text(
+        '[bake]\nseed = 1\npaths = 8\n[batch]\nout = "out"\nseed = 2\nquality = "draft"\njson = true\n'
+        '[scenes.a]\nscene = "cornell"\nseed = 3\n[scenes.b]\nscene = "cornell"\n'
+    )
+    assert main(["batch", "flats.toml"]) == 0
+    assert [row["folder"] for row in json.loads(capsys.readouterr().out)["scenes"]] == ["a", "b"]
+    assert [sorted(words[5:]) for words in runs.lines] == [
+        ["--paths=8", "--quality=draft", f"--seed={seed}"] for seed in (3, 2)
+    ]
+    assert Path("out/batch.json").is_file()
+    assert main(["batch", "flats.toml", "--seed", "4", "-o", "other"]) == 0
+    assert [words[-1] for words in runs.lines[2:]] == ["--seed=4"] * 2
+    capsys.readouterr()
+    assert main(["batch", "flats.toml", "--config", "lightwell.toml"]) == 2
+    assert "'flats.toml' is the settings file of this batch; leave --config out" in capsys.readouterr().err
+
+
+def test_files_of_others_in_the_folder_of_a_scene_are_overwritten_by_force(tmp_path):
+    forced, runs = settings(tmp_path, "a"), Runs()
+    run(replace(forced, force=True), runs)
+    assert runs.lines[0][-1] == "--force"
 
 
 def test_tables_of_one_file_are_scenes_of_their_own_and_none_overwrites_another(tmp_path, capsys, monkeypatch):

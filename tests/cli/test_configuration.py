@@ -56,6 +56,8 @@ def test_another_file_or_none(folder):
     (folder / "other.toml").write_text("[bake]\nseed = 9\n")
     assert settings("cornell -o x --config other.toml").seed == 9
     assert settings("cornell -o x --config none").seed == 0
+    (folder / "lightwell.toml").unlink()
+    assert settings("cornell -o x --con other.toml").seed == 9, "shortened"
 
 
 def test_lists_and_other_verbs(folder):
@@ -102,6 +104,18 @@ def test_mistakes_are_one_line(folder, capsys, text, told):
     error = capsys.readouterr().err
     assert told in error and error.count("\n") == 1 and "lightwell.toml" in error
     assert not (folder / "x").exists()
+
+
+def test_tables_of_one_scene_are_not_merged(folder, capsys):
+    (folder / "lightwell.toml").write_text(
+        '[scenes.day]\nscene = "kitchen.glb"\nseed = 1\n[scenes.night]\nscene = "./kitchen.glb"\nsize = 512\n'
+        '[scenes.hall]\nscene = "cornell"\nseed = 4\n'
+    )
+    assert main(["bake", "kitchen.glb", "-o", "x"]) == 2 and not (folder / "x").exists()
+    error = capsys.readouterr().err
+    assert "lightwell.toml: [scenes.day] and [scenes.night] are both of 'kitchen.glb'" in error
+    assert "'lightwell batch lightwell.toml'" in error and error.count("\n") == 1
+    assert settings("cornell -o x").seed == 4 and settings("kitchen.glb -o x --config none").seed == 0
 
 
 def test_a_missing_file_is_named(folder, capsys):

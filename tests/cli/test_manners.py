@@ -209,6 +209,9 @@ def test_tools_of_the_lens_have_help_of_their_own():
     assert {"--focus", "--motion"} <= blur and not {"--focus", "--motion"} & (bake | check)
     assert "--family" in bake - blur - check and "--limit-leak" in check - blur - bake
     assert verb_parser("lens", ["bake"]).format_help().startswith("usage: lightwell lens bake LIBRARY")
+    # No settings are read for the tools, and a bake of a library reads no file that a limit could be for.
+    assert "--config" in blur and "--config" not in bake | check
+    assert "--limit" in blur & check and "--limit" not in bake
 
 
 def test_settings_for_frames_are_not_those_of_the_tools(tmp_path, monkeypatch, capsys):

@@ -20,6 +20,8 @@ from lightwell.cli.whole_parser import whole_verbs
 from lightwell.core.scene_options import BUILTINS, SCENE_SUFFIXES, UNITS
 from lightwell.fields.budget import DEFAULT_QUALITY, QUALITY_SECONDS
 from lightwell.fields.lightmap.fit import PRESETS as LIGHT_MAPS
+from lightwell.fields.probes.fit import MOST_BESIDE_BRICKS
+from lightwell.fields.probes.fit import PRESETS as PROBES
 from lightwell.fields.registry import BUILT_IN, PRESETS, QUALITY_PRESETS
 from lightwell.fields.surface.factored import PRESETS as FACTORED
 from lightwell.fields.surface.plan import RAYS
@@ -310,6 +312,14 @@ def _value(text: str) -> object:
     if text in ("true", "false"):
         return text == "true"
     return float(Fraction(text)) if re.fullmatch(r"-?[\d./]+", text) else text
+
+
+def test_bases_of_the_finest_probes():
+    page = (DOCS / "light-probes.md").read_text()
+    (row,) = re.findall(r"^\| `fine` .*$", page, re.MULTILINE)
+    assert f"at most {PROBES['fine'].rank} bases, or {MOST_BESIDE_BRICKS} where cells have bricks" in row
+    (row,) = re.findall(r"^\| a sun, a day, .*$", page, re.MULTILINE)
+    assert f"at most {MOST_BESIDE_BRICKS} where cells have bricks" in row
 
 
 def test_defaults_of_a_day():

@@ -233,6 +233,53 @@ def test_a_sequence_with_depth_files_in_a_folder_with_a_hash(tmp_path, capsys):
 GOOD = ["--focus", "2m"]
 
 
+def test_no_input_is_written_over(tmp_path, capsys, monkeypatch):
+    """Also by a link, another spelling, the file of a later frame, and files beside the frame."""
+    monkeypatch.chdir(tmp_path)
+    write_exr("f.exr", colour() | {"Z": depth()})
+    (tmp_path / "link.exr").symlink_to("f.exr")
+    (tmp_path / "folder").mkdir()
+    for name in ("p.png", "d.png", "shape.png", "s.1.png", "s.02.png"):
+        Image.fromarray(np.full((H, W), 200, np.uint8)).save(name)
+    near = ["--depth-file", "d.png", "--depth-range", "1,5"]
+    before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
+    for argv, text in (
+        (["f.exr", "-o", "f.exr"], "-o 'f.exr' is the file of FRAME, which would be lost"),
+        (["f.exr", "-o", "folder/../f.exr"], "-o 'folder/../f.exr' is the file of FRAME ('f.exr')"),
+        (["f.exr", "-o", str(tmp_path / "f.exr")], "is the file of FRAME ('f.exr')"),
+        (["link.exr", "-o", "f.exr"], "-o 'f.exr' is the file of FRAME ('link.exr')"),
+        (["f.exr", "-o", "link.exr"], "-o 'link.exr' is the file of FRAME ('f.exr')"),
+        (["p.png", "-o", "d.png", *near], "-o 'd.png' is the file of --depth-file,"),
+        (["p.png", "-o", "shape.png", *near, "--aperture", "shape.png"], "is the file of --aperture,"),
+        (["s.#.png", "-o", "s.#.png", *near, "--frames", "1-1"], "-o 's.1.png' is the file of FRAME,"),
+        (["s.##.png", "-o", "s.#.png", "--depth-file", "s.#.png", "--frames", "1-2"], "is the file of --depth-file"),
+    ):
+        code = main(["lens", *argv, *GOOD])
+        error = capsys.readouterr().err
+        assert code == 2 and text in error and error.strip().count("\n") == 0, error
+        assert "give another file to write" in error
+    assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
+
+
+@pytest.mark.usefixtures("here")
+def test_a_depth_file_of_several_views_gives_the_view_that_is_asked_for(tmp_path, capsys):
+    def part(view, value):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "view": view}
+        return OpenEXR.Part(header, {"Z": np.full((H, W), value, np.float32)}, f"depth_{view}")
+
+    stereo = tmp_path / "d.exr"
+    OpenEXR.File([part("left", 1), part("right", 2)]).write(str(stereo))
+    Image.fromarray(np.full((H, W, 3), 200, np.uint8)).save(tmp_path / "right.png")
+    for view, expected in ((None, 1), ("left", 1), ("right", 2)):
+        assert frames.read(tmp_path / "right.png", view, depth_file=stereo).depth.max() == expected
+    one = write_exr(tmp_path / "one.exr", {"Z": depth()})
+    with pytest.raises(LensError, match="has no view 'right'; it has none"):
+        frames.read(tmp_path / "right.png", "right", depth_file=one)
+    argv = ["lens", str(tmp_path / "right.png"), "-o", str(tmp_path / "o.png"), *GOOD, "--view", "right"]
+    assert main([*argv, "--depth-file", str(tmp_path / "right.png"), "--depth-range", "1,2"]) == 2
+    assert "is no EXR and has no view 'right'; leave out --view" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(
     "channels, extra, text",
@@ -253,6 +300,16 @@ GOOD = ["--focus", "2m"]
         (colour() | {"Z": depth()}, [*GOOD, "--solver", "magic"], "no solver"),
         (colour() | {"Z": depth()}, [*GOOD, "--aperture", "none.png"], "no aperture picture"),
         (colour() | {"Z": depth()}, [*GOOD, "--blades", "2"], "2 blades"),
+        (colour() | {"Z": depth()}, [*GOOD, "--blades", "6", "--aperture", "pentagon"], "pentagon has no 6 blades"),
+        (colour() | {"Z": depth()}, [*GOOD, "--blades", "6", "--aperture", "star.png"], "star.png has no 6 blades"),
+        (colour() | {"Z": depth()}, [*GOOD, "--blade-angle", "9"], "turns polygons, not --aperture disc"),
+        (colour() | {"Z": depth()}, [*GOOD, "--focus-at", "9,9"], "leave out one of them"),
+        (colour() | {"Z": depth()}, [*GOOD, "--near", "0.1"], "--near is for depth of the kind ray-from-near"),
+        (
+            colour() | {"Z": depth(), "forward.u": depth(), "forward.v": depth()},
+            [*GOOD, "--motion", "uv backward forward"],
+            "--motion says backward and forward",
+        ),
         (colour() | {"Z": depth()}, [*GOOD, "--depth-channel", "Y"], "it has A, B, G, R, Z"),
         (colour() | {"Z": depth()}, [*GOOD, "--motion-channels", "u"], "joined by a comma"),
         (colour() | {"Z": depth()}, [*GOOD, "--motion", "auto"], "has no motion vectors"),

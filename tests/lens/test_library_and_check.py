@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from lightwell.cli import main
 from lightwell.core.store import Store, default_folder
@@ -172,12 +173,41 @@ def test_check_and_bake_from_the_command_line(library, tmp_path, capsys):
         (["--family", "depth-speed", "--aperture", "hexagon"], "the family depth-speed has a round aperture"),
         (["--family", "cats-eye", "--blades", "5"], "the family cats-eye has a round aperture"),
         (["--cats-eye", "1"], "--cats-eye is not of the family depth"),
+        (["--longest", "20"], "--longest is not of the family depth, which has no motion"),
+        (["--family", "cats-eye", "--longest", "20"], "--longest is not of the family cats-eye"),
+        (["--noise", "5"], "the default is 0.0025"),
+        (["--family", "cats-eye", "--noise", "5"], "the default is 0.03"),
+        (["--family", "cats-eye", "--cats-eye", "1.8"], "use 0 (none) or more, below 1.8 (closed)"),
     ],
 )
 def test_shapes_that_a_family_does_not_have_are_refused(tmp_path, capsys, options, text):
     assert main(["lens", "bake", str(tmp_path / "d.lwsp"), "--largest", "1", *options]) == 2
     error = capsys.readouterr().err
     assert text in error and error.strip().count("\n") == 0
+
+
+def test_tools_write_over_nothing_that_they_read(library, tmp_path, capsys):
+    path, shape = tmp_path / "d.lwsp", tmp_path / "shape.png"
+    library.save(path)
+    before = path.read_bytes()
+    Image.fromarray(np.full((8, 8), 255, np.uint8)).save(shape)
+    for words, text in (
+        (["check", path, "--plot", path], f"lens check: --plot '{path}' is the file of LIBRARY, which would be lost"),
+        (["check", path, "--aperture", shape, "--plot", shape], "is the file of --aperture"),
+        (["bake", shape, "--aperture", shape], f"lens bake: LIBRARY '{shape}' is the file of --aperture"),
+    ):
+        assert main(["lens", *map(str, words)]) == 2
+        error = capsys.readouterr().err
+        assert text in error and error.strip().count("\n") == 0, error
+    assert path.read_bytes() == before and Image.open(shape).size == (8, 8)
+
+
+def test_a_library_is_not_checked_against_another_shape(library, tmp_path, capsys):
+    library.save(tmp_path / "d.lwsp")
+    Image.fromarray(np.full((8, 8), 255, np.uint8)).save(tmp_path / "shape.png")
+    for shape, text in ((str(tmp_path / "shape.png"), "was baked for the aperture disc"), ("hexagon", "leave out")):
+        assert main(["lens", "check", str(tmp_path / "d.lwsp"), "--aperture", shape]) == 2
+        assert text in capsys.readouterr().err
 
 
 def test_a_plot_that_cannot_be_written_is_told_before_the_check(library, tmp_path, capsys):
