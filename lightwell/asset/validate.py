@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,11 @@ from lightwell.limits import Limits
 
 # Vertex attributes by the graph input that reads them.
 ATTRIBUTES = {"uv": "TEXCOORD_0", "uv1": "TEXCOORD_1"}
+
+# What the web runtime takes, less than the schema allows: web/runtime/src/most.ts and extension.ts.
+WEB_ENTRIES = {"variables": 4, "fields": 8, "probes": 8}
+WEB_BUFFERS = 1024
+WEB_NUMBERS = 1 << 26
 
 
 def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
@@ -45,6 +51,34 @@ def validate_file(path: str | Path, limits: Limits | None = None) -> list[str]:
     with refusing(path):
         problems += _missing_coordinates(document, wanted) + _missing_nodes(document) + _missing_environment(document)
         return problems + moving_problems(document) + pointer_problems(document, binary)
+
+
+def web_notes(path: str | Path, limits: Limits | None = None) -> list[str]:
+    """List what the web runtime does not take of a GLB that follows the specification.
+
+    Args:
+        path: A GLB for which ``validate_file`` finds no problem, or the folder of a bake.
+        limits: Largest file and memory that the asset may need; None for the defaults of ``Limits``.
+
+    Returns:
+        One line per limit that is exceeded; empty when a page shows the file.
+    """
+    path = Path(path) / "scene.glb" if Path(path).is_dir() else Path(path)
+    extension = read_file(path, limits)[0]["extensions"][EXTENSION]
+    notes = [
+        f"{name}: {count}, more than the {most} that the web runtime takes; pages refuse the file"
+        for name, most in WEB_ENTRIES.items()
+        if (count := len(extension.get(name, ()))) > most
+    ]
+    for name in ("fields", "probes"):
+        for k, entry in enumerate(extension.get(name, ())):
+            sizes = [math.prod(buffer["shape"]) for buffer in entry["graph"]["buffers"].values()]
+            if len(sizes) > WEB_BUFFERS or sum(sizes) > WEB_NUMBERS:
+                notes.append(
+                    f"{name}[{k}]: {len(sizes)} buffers with {sum(sizes)} numbers, more than the {WEB_BUFFERS} buffers "
+                    f"or {WEB_NUMBERS} numbers that the web runtime takes in a graph; pages refuse the file"
+                )
+    return notes
 
 
 def _missing_nodes(document: dict[str, Any]) -> list[str]:

@@ -19,7 +19,7 @@ def add(parser: argparse.ArgumentParser, argv: Sequence[str]) -> None:
     """
     parser.add_argument("path", metavar="OUT", help="a folder written by bake, or a .glb")
     add_options(parser, LimitOptions)
-    add_json(parser, "print the violations as JSON: path, valid, problems")
+    add_json(parser, "print the violations as JSON: path, valid, problems, notes")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -31,11 +31,16 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         Exit code: 0, or 1 where there is a violation.
     """
-    from lightwell.asset.validate import validate_file
+    from lightwell.asset.validate import validate_file, web_notes
 
-    problems = validate_file(arguments.path, **given_options(arguments, LimitOptions, "validate"))
+    options = given_options(arguments, LimitOptions, "validate")
+    problems = validate_file(arguments.path, **options)
+    notes = [] if problems else web_notes(arguments.path, **options)
     if arguments.json:
-        print(json.dumps({"path": arguments.path, "valid": not problems, "problems": problems}, indent=1))
+        found = {"path": arguments.path, "valid": not problems, "problems": problems, "notes": notes}
+        print(json.dumps(found, indent=1))
     else:
         print("\n".join(problems) or f"{arguments.path}: follows the specification")
+        for note in notes:
+            print(f"note: {note}")
     return 1 if problems else 0

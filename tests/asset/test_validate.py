@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from lightwell.asset.container import pack, unpack
+from lightwell.asset.validate import WEB_BUFFERS, WEB_ENTRIES, WEB_NUMBERS
 from lightwell.cli import main
 
 ASSET = Path(__file__).parents[2] / "web/test/fixtures/lightmap.glb"
@@ -20,7 +21,7 @@ def test_the_example_follows_the_specification(capsys):
     assert main(["validate", str(ASSET)]) == 0
     assert "follows the specification" in capsys.readouterr().out
     assert main(["validate", str(ASSET), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out) == {"path": str(ASSET), "valid": True, "problems": []}
+    assert json.loads(capsys.readouterr().out) == {"path": str(ASSET), "valid": True, "problems": [], "notes": []}
 
 
 @pytest.mark.parametrize(
@@ -47,3 +48,31 @@ def test_planted_faults_are_named(tmp_path, capsys, spoil, message):
     assert main(["validate", str(path), "--json"]) == 1
     (said,) = [one for one in json.loads(capsys.readouterr().out)["problems"] if message in one]
     assert said
+
+
+def test_what_pages_do_not_take_is_a_note(tmp_path, capsys):
+    document, binary = unpack(ASSET.read_bytes())
+    (field,) = document["extensions"][NAME]["fields"]
+    document["extensions"][NAME]["fields"] = [field | {"name": f"field {k}"} for k in range(8)]
+    path = tmp_path / "many.glb"
+    path.write_bytes(pack(document, binary))
+    assert main(["validate", str(path)]) == 0
+    assert "note" not in capsys.readouterr().out
+    document["extensions"][NAME]["fields"].append(field | {"name": "field 8"})
+    sun = {"kind": "sun", "start": [1, 1, 0], "middle": [0, 1, 0], "end": [0, 1, 1], "initial": [0, 1, 0]}
+    sun |= {"intensity": 1.0, "color": [1, 1, 1]}
+    document["extensions"][NAME]["variables"] = [sun | {"name": f"sun {k}"} for k in range(5)]
+    path.write_bytes(pack(document, binary))
+    assert main(["validate", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "note: variables: 5, more than the 4 that the web runtime takes; pages refuse the file" in out
+    assert "note: fields: 9, more than the 8" in out
+
+
+def test_the_limits_of_pages_are_those_of_the_runtime():
+    source = Path(__file__).parents[2] / "web/runtime/src"
+    text = (source / "most.ts").read_text() + (source / "extension.ts").read_text()
+    assert f"MAX_VARIABLES = {WEB_ENTRIES['variables']};" in text
+    assert f"MAX_FIELDS = {WEB_ENTRIES['fields']};" in text
+    assert f"MAX_BUFFERS = {WEB_BUFFERS};" in text
+    assert WEB_NUMBERS == 1 << 26 and "MAX_ELEMENTS = 1 << 26;" in text

@@ -164,6 +164,35 @@ it("sets lamps and the light as its attributes say from the first frame on", asy
   expect((await state()).desk).toBe(1);
 });
 
+it("draws nothing before its shaders are compiled, and then with these: to wait for shaders would hold up the page", async () => {
+  // Shaders take their time, and frames go by.
+  const slow = `<script>
+    const began = performance.now();
+    const ask = WebGL2RenderingContext.prototype.getProgramParameter;
+    WebGL2RenderingContext.prototype.getProgramParameter = function (program, name) {
+      if (name === 0x91b1) window.compiled ??= window.sources;
+      return name === 0x91b1 && performance.now() < began + 1500 ? false : ask.call(this, program, name);
+    };
+    window.sources = 0;
+    const give = WebGL2RenderingContext.prototype.shaderSource;
+    WebGL2RenderingContext.prototype.shaderSource = function (shader, source) {
+      window.sources += source.includes("lightwellRadiance");
+      return give.call(this, shader, source);
+    };
+    window.copies = 0;
+    const copy = CanvasRenderingContext2D.prototype.drawImage;
+    CanvasRenderingContext2D.prototype.drawImage = function (...given) {
+      window.copies++;
+      return copy.apply(this, given);
+    };
+    addEventListener("load", () => document.querySelector("lightwell-viewer").addEventListener("load", () => (window.first ??= [window.copies, window.sources - window.compiled])));
+  </script>`;
+  const { page } = await open("slow", `${slow}<lightwell-viewer src="/scene.glb"></lightwell-viewer>`);
+  await page.waitForFunction(() => "first" in window);
+  expect(await page.evaluate(() => (window as any).compiled)).toBeGreaterThan(0);
+  expect(await page.evaluate(() => (window as any).first)).toEqual([1, 0]);
+});
+
 it("shows a poster and how much has come, waits until it is near, and says what is seen", async () => {
   const { page } = await open(
     "lazy",

@@ -14,6 +14,7 @@ import {
 } from "../runtime/src/graph/index.ts";
 import { COMMON_OPS } from "../runtime/src/graph/ops/common.ts";
 import { opsFor } from "../runtime/src/graph/ops/on-demand.ts";
+import type { StoredBuffer } from "../runtime/src/graph/stored.ts";
 import { loadVectors, row, worstError } from "./parity-vectors.ts";
 
 const VECTORS = loadVectors();
@@ -205,6 +206,23 @@ describe("hostile graphs are refused by name", () => {
     expect(evaluate(treeOf([0, 0.5, 1, -2, 1, 0.25, -1, -3]), { a: [0.4, 0.3] }).leaf).toEqual(
       Float32Array.of(2),
     );
+  });
+
+  test.each([["no scale", {}], ["an empty list of scales", { scale: [] }]])("bytes with %s", (_name, quantisation) => {
+    const json = {
+      version: 1,
+      inputs: { a: 1 },
+      buffers: { w: { shape: [2, 1], type: "float32" }, b: { shape: [2], type: "int8" } },
+      nodes: [{ id: "y", op: "linear", inputs: ["a"], weights: "w", bias: "b" }],
+      outputs: { y: "y" },
+    };
+    const read = (given: object) =>
+      readGraph(json, new Map<string, StoredBuffer>([
+        ["w", { shape: [2, 1], type: "float32", data: new Float32Array(2) }],
+        ["b", { shape: [2], type: "int8", data: Int8Array.of(1, 2), ...given }],
+      ]));
+    expect(evaluate(read({ scale: 0.5 }), { a: [0] }).y).toEqual(Float32Array.of(0.5, 1));
+    expect(() => read(quantisation)).toThrow(/b\.scale: expected one number, or one per index/);
   });
 
   test("buffers of the wrong size, with NaN, missing, unused", () => {

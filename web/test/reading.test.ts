@@ -77,6 +77,7 @@ describe("a buffer that is a picture", () => {
     ["four channels", { shape: [4, 8, 4] }, /expected uint8 \[H, W, 3\]/],
     ["another type", { type: "float16", scale: undefined }, /expected uint8/],
     ["a scale a row", { scale: [1, 1, 1, 1] }, /one scale/],
+    ["bytes without a scale", { scale: undefined }, /buffers\.f\.scale: expected a finite number/],
     ["absurd mipmaps", { mips: 99 }, /mips: expected/],
     ["an absurd size", { shape: [8192, 8192, 3] }, /at most 67108864 elements/],
   ])("refuses %s", async (_name, change, message) => {
@@ -107,6 +108,33 @@ describe("readExtension", () => {
   ])("refuses %j", async (extension, message) => {
     await expect(read(extension)).rejects.toThrow(FormatError);
     await expect(read(extension)).rejects.toThrow(message);
+  });
+
+  /** `format/FORMAT.md`, *Budget*: less than the schema allows. */
+  it.each([
+    ["variables", { variables: Array(5).fill({ kind: "sun", start: [1, 1, 0], middle: [0, 1, 0], end: [0, 1, 1], initial: [0, 1, 0] }) }, "variables: expected at most 4 entries, found 5"],
+    ["fields", { fields: Array(9).fill({}) }, "fields: expected at most 8 entries, found 9"],
+    ["probes", { probes: Array(9).fill({}) }, "probes: expected at most 8 entries, found 9"],
+  ])("refuses more %s than a page can show", async (_name, extension, message) => {
+    const refused = read({ version: 2, variables: [], fields: [], ...extension });
+    await expect(refused).rejects.toThrow(FormatError);
+    await expect(refused).rejects.toThrow(`LIGHTWELL_neural_radiance.${message}`);
+  });
+
+  it("refuses a scale on a float type", async () => {
+    const graph = {
+      version: 1,
+      inputs: { position: 3 },
+      buffers: { w: { shape: [3, 3], type: "float32", accessor: 0, scale: 2 } },
+      nodes: [{ id: "y", op: "linear", inputs: ["position"], weights: "w", bias: "w" }],
+      outputs: { radiance: "y" },
+    };
+    const json = {
+      accessors: [{ type: "SCALAR", componentType: 5126, count: 9, bufferView: 0 }],
+      bufferViews: [{}],
+      extensions: { LIGHTWELL_neural_radiance: { version: 1, fields: [{ role: "static", graph }] } },
+    };
+    await expect(readExtension(json, load)).rejects.toThrow(/buffers\.w: expected no scale or offset on a float type/);
   });
 });
 

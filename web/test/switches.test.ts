@@ -85,6 +85,16 @@ describe("surfaces that shine", () => {
     expect(lamp.material).toBe(shared);
   });
 
+  it("keep what their owner has given them since", () => {
+    const lamp = new Mesh(undefined, new MeshStandardMaterial({ emissive: 0xffffff }));
+    lamp.userData.name = "Desk lamp";
+    const switches = new Switches(LAMPS);
+    switches.attach(new Object3D().add(lamp), new Map());
+    const painted = (lamp.material = new MeshStandardMaterial());
+    switches.detach();
+    expect(lamp.material).toBe(painted);
+  });
+
   it("have the light maps of their materials for as long as they follow it, and hooks of their owner", () => {
     const material = new MeshStandardMaterial({ emissive: 0xffffff });
     const onBeforeCompile = (material.onBeforeCompile = () => {});

@@ -184,6 +184,11 @@ describe.each(KINDS)("%s:", (kind) => {
     expect(cycles.slice(2)).toEqual(Array(cycles.length - 2).fill(cycles[1]));
   });
 
+  it("nothing is left in any order of detach and dispose", async () => {
+    const [, first, ...others] = await run("orders");
+    expect(others).toEqual(others.map(() => first));
+  });
+
   it.each(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [""] : [])("memory is flat over fifty cycles of loading and disposing", async () => {
     const turns = (count?: number) => opened.page.evaluate((n) => void (n ? (document.body.dataset.cycles = String(n)) : delete document.body.dataset.cycles), count);
     await turns(50);

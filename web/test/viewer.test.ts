@@ -1,5 +1,6 @@
 /** The built page in a real browser, held against closed forms; on the faster software rasteriser, and with `LIGHTWELL_LONG_TESTS=1` on both. */
 
+import { readFileSync } from "node:fs";
 import type { Browser, Page } from "playwright-core";
 import { afterAll, afterEach, beforeAll, describe, expect, it } from "vitest";
 import type { Mode } from "../viewer/src/modes.ts";
@@ -17,7 +18,7 @@ import {
 } from "./support/fixtures.ts";
 import { ball, type Fixture, type FixtureField, quad, writeGlb } from "./support/glb.ts";
 import { backWallPoint, lambert, srgb255 } from "./support/optics.ts";
-import { packReference, pageWith } from "./support/page.ts";
+import { BUILT_PAGE, packReference, pageWith } from "./support/page.ts";
 
 const [WIDTH, HEIGHT] = [128, 96];
 const QUERY = `?size=${WIDTH}x${HEIGHT}&ui=0&tonemap=none&exposure=1&dither=0&samples=0`;
@@ -379,6 +380,28 @@ describe.each(RASTERISERS)("the page on %s", (backend) => {
     expect(at(64, 48)[0]).toBeGreaterThan(0.01);
     expect((await other.page.evaluate(() => window.lightwell.stats())).trouble).toContain("could not compile");
     expect(other.errors.some((text) => text.includes("syntax error"))).toBe(true);
+    await other.page.close();
+  });
+
+  it("keeps a file that is dropped while it loads another", async () => {
+    const other = await openPage(browser, WIDTH, HEIGHT);
+    let answer = () => {};
+    const asked = new Promise<void>((resolve) => void (answer = resolve));
+    await other.page.route("**/slow.glb", async (route) => {
+      await asked;
+      await route.fulfill({ body: Buffer.from(writeGlb(plainRoom())), contentType: "model/gltf-binary" });
+    });
+    await other.page.goto(`${site.put("/empty.html", readFileSync(BUILT_PAGE, "utf8"))}${QUERY}&asset=slow.glb`);
+    await other.page.evaluate((bytes) => {
+      const dataTransfer = new DataTransfer();
+      dataTransfer.items.add(new File([Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0))], "dropped.glb"));
+      dispatchEvent(new DragEvent("drop", { dataTransfer }));
+    }, Buffer.from(writeGlb(plainRoom())).toString("base64"));
+    const title = () => other.page.evaluate(() => window.lightwell.stats().title);
+    await expect.poll(title).toBe("dropped");
+    answer();
+    await other.page.evaluate(() => window.lightwell.ready);
+    expect([await title(), other.errors]).toEqual(["dropped", []]);
     await other.page.close();
   });
 

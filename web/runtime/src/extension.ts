@@ -280,17 +280,19 @@ async function readPicture(
   return { data: new Uint8Array(0), picture: { source, mips, bytes } };
 }
 
-/** `scale` and `offset` of an integer buffer; the graph checks how many there must be. */
+/** `scale` and `offset` of a buffer; the graph checks how many there must be. */
 function readQuantisation(
   entry: Record<string, unknown>,
   where: string,
   type: BufferType,
 ): Pick<StoredBuffer, "scale" | "offset"> {
-  if (type === "float32" || type === "float16") return {};
-  const offset = number(entry.offset ?? 0, `${where}.offset`);
-  if (!Array.isArray(entry.scale)) return { scale: number(entry.scale ?? 1, `${where}.scale`), offset };
-  const scale = list(entry.scale, `${where}.scale`, MAX_ELEMENTS);
-  return { scale: scale.map((x, i) => number(x, `${where}.scale[${i}]`)), offset };
+  const { scale, offset = 0 } = entry;
+  // The graph refuses either on a float type.
+  if (type === "int8" || type === "uint8") {
+    number(offset, `${where}.offset`);
+    for (const x of [scale].flat()) number(x, `${where}.scale`);
+  }
+  return { scale, offset } as Pick<StoredBuffer, "scale" | "offset">;
 }
 
 /** The `count` elements of a SCALAR accessor, bounds-checked. */

@@ -176,15 +176,15 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
   }
 
   /**
-   * Give the root back as it was loaded, and free what GPUs hold of it. The root stays where it is; what is used again is
-   * uploaded again, and `attach` lights it again.
+   * Give the root back as it was loaded, and free what GPUs hold of it, also after `detach`. The root stays where it is; what is used
+   * again is uploaded again, and `attach` lights it again.
    */
   dispose({ textures = true }: DisposeOptions = {}): void {
+    this.detach();
     for (const lamp of this.lamps) lamp.dispose();
     for (const field of this.evaluated) field.dispose();
-    if (!this.attached) return;
-    this.materials.dispose(textures);
-    this.detach();
+    // A root that another scene lights by now is freed with that one.
+    if (!OWNERS.has(this.root)) this.materials.dispose(textures);
   }
 
   /** Whether any field is the light of the scene's own emitters. */

@@ -65,6 +65,8 @@ export class SurfaceMaterials {
   private entries: Entry[] = [];
   /** Materials of lines and points, which have no finish: a small picture leaves them out. */
   private others: Material[] = [];
+  /** What was taken over last: `dispose` frees it after `detach` too. */
+  private drawn: (Mesh | Line | Points)[] = [];
   private readonly finisher: Finisher;
   private readonly glass: boolean | undefined;
   private readonly lightmaps: ReadonlyMap<Material, Lightmap>;
@@ -82,6 +84,7 @@ export class SurfaceMaterials {
 
   /** Take the meshes under a root over; all of them, or none where it throws. */
   attach(root: Object3D): void {
+    this.drawn = [];
     root.traverse((object) => {
       if (object instanceof Mesh) {
         const { material, castShadow, receiveShadow } = object;
@@ -89,6 +92,8 @@ export class SurfaceMaterials {
         object.receiveShadow = true;
         object.castShadow = [material].flat().some(blocksLight);
       } else if (object instanceof Line || object instanceof Points) this.others.push(...[object.material].flat());
+      else return;
+      this.drawn.push(object);
     });
     this.others = this.others.filter((material) => material.visible);
     this.shown = "learned";
@@ -142,14 +147,12 @@ export class SurfaceMaterials {
     for (const { patch } of this.allTwins()) patch?.renew();
   }
 
-  /** Free what GPUs hold of the meshes; textures too if they are asked for. What is used again is uploaded again. */
+  /** Give everything back, and free what GPUs hold of it; textures too if they are asked for. What is used again is uploaded again. */
   dispose(textures: boolean): void {
-    const meshes = this.entries.map(({ mesh }) => mesh);
-    const geometries = new Set(meshes.map(({ geometry }) => geometry));
-    const materials = new Set(this.entries.flatMap(({ own }) => own));
     this.detach();
-    for (const geometry of geometries) geometry.dispose();
-    for (const mesh of meshes) {
+    const materials = new Set(this.drawn.flatMap(({ material }) => material));
+    for (const geometry of new Set(this.drawn.map(({ geometry }) => geometry))) geometry.dispose();
+    for (const mesh of this.drawn) {
       if (mesh instanceof SkinnedMesh) mesh.skeleton?.dispose();
       // Renderers free the buffers of instances; its own `dispose` would throw their morph targets away.
       if (mesh instanceof InstancedMesh) mesh.dispatchEvent({ type: "dispose" });

@@ -157,7 +157,8 @@ export class Switches {
   /** Give the materials back. */
   detach(): void {
     for (const { mesh, before, shining } of this.followers) {
-      mesh.material = before;
+      // What its owner has given it since stays.
+      if (shining.some(({ material }) => [mesh.material].flat().includes(material))) mesh.material = before;
       for (const { material } of shining) {
         this.lightmaps.delete(material);
         material.dispose();

@@ -35,9 +35,19 @@ publish(async ({ light, parts }) => {
   scene.render();
   scene.render();
   const gl = engine._gl as WebGL2RenderingContext;
-  const rows = new Uint8Array(4 * width * height);
-  gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-  gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, rows);
+  const read = () => {
+    const rows = new Uint8Array(4 * width * height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, rows);
+    return rows;
+  };
+  const rows = read();
+  // Without its light the file is there still, and dark.
+  learned.dispose();
+  await scene.whenReadyAsync();
+  scene.render();
+  const dark = Math.max(...read().filter((_, i) => i % 4 < 3));
+  if (dark > 8) throw new Error(`expected nothing lit after dispose, found ${dark}`);
   scene.dispose();
   return rows;
 });

@@ -14,8 +14,25 @@ app.scene.ambientLight = new Color(0, 0, 0);
 app.autoRender = false;
 app.start();
 
+const ended = () => new Promise<void>((resolve) => void app.once("frameend", () => resolve()));
+const gl = (app.graphicsDevice as unknown as { gl: WebGL2RenderingContext }).gl;
+
+/** Lose the context, and come back. */
+async function restored(): Promise<void> {
+  const back = new Promise<void>((resolve) => void app.graphicsDevice.once("devicerestored", () => resolve()));
+  const extension = gl.getExtension("WEBGL_lose_context")!;
+  extension.loseContext();
+  await new Promise((resolve) => setTimeout(resolve, 50));
+  extension.restoreContext();
+  await back;
+}
+
 publish(async ({ light, parts }) => {
   const learned = await loadLearned(app, glb());
+  // The same file once more, elsewhere: neither takes anything from the other.
+  const other = await loadLearned(app, glb());
+  other.root.setLocalPosition(0, 100, 0);
+  app.root.addChild(other.root);
   app.root.addChild(learned.root);
   const eye = new Entity("camera", app);
   eye.addComponent("camera", { fov: CAMERA.fov, nearClip: 0.05, farClip: 50, clearColor: new Color(0, 0, 0, 1), gammaCorrection: GAMMA_SRGB, toneMapping: TONEMAP_NONE });
@@ -24,13 +41,20 @@ publish(async ({ light, parts }) => {
   app.root.addChild(eye);
   if (light) learned.lamps[0]!.entity.setLocalPosition(...light);
   learned.show(parts);
+  // Frames that are not drawn.
+  for (let i = 0; i < 2; i++) await ended();
   app.renderNextFrame = true;
-  await new Promise<void>((resolve) => void app.once("frameend", () => resolve()));
-  const gl = (app.graphicsDevice as unknown as { gl: WebGL2RenderingContext }).gl;
+  await ended();
+  if (light) {
+    await restored();
+    app.renderNextFrame = true;
+    await ended();
+  }
   const rows = new Uint8Array(4 * width * height);
   gl.bindFramebuffer(gl.FRAMEBUFFER, null);
   gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, rows);
   eye.destroy();
   learned.dispose();
+  other.dispose();
   return rows;
 });

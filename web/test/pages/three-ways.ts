@@ -1,17 +1,22 @@
 /** What users of three.js do to a scene with learned light, and the pictures that come of it. */
 
 import {
+  BufferGeometry,
   Color,
   DataTexture,
   EquirectangularReflectionMapping,
   FloatType,
   Group,
+  LineBasicMaterial,
+  LineSegments,
   Mesh,
   type MeshPhysicalMaterial,
   MeshStandardMaterial,
   type Object3D,
   OrthographicCamera,
   PointLight,
+  Points,
+  PointsMaterial,
   Quaternion,
   RGBAFormat,
   Scene,
@@ -359,6 +364,27 @@ const SCENARIOS = {
       learned.update();
       await stand.draw(scene);
       learned.dispose();
+      seen.push({ ...stand.renderer.info.memory, ...(stand.webgl ? { programs: stand.webgl.info.programs!.length } : {}) });
+    }
+    return seen;
+  },
+
+  /** What a renderer holds after a scene was drawn and given back, in every order of detaching and disposing; lines and points too. */
+  async orders(stand: Stand): Promise<object[]> {
+    const seen = [];
+    for (const order of ["dispose", "dispose", "detach dispose", "dispose detach", "detach detach dispose dispose", "detach draw dispose", "dispose draw dispose"]) {
+      const gltf = await load();
+      const corners = () => new BufferGeometry().setFromPoints([new Vector3(0, 0.5, 0), new Vector3(0.5, 1, 0)]);
+      gltf.scene.add(new LineSegments(corners(), new LineBasicMaterial()), new Points(corners(), new PointsMaterial()));
+      const learned = stand.light(gltf);
+      const scene = new Scene();
+      scene.add(learned.root);
+      learned.update();
+      await stand.draw(scene);
+      for (const step of order.split(" ")) {
+        if (step === "draw") await stand.draw(scene);
+        else learned[step as "detach" | "dispose"]();
+      }
       seen.push({ ...stand.renderer.info.memory, ...(stand.webgl ? { programs: stand.webgl.info.programs!.length } : {}) });
     }
     return seen;

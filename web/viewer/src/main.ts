@@ -84,13 +84,22 @@ function addControls(viewer: Viewer): void {
   });
 }
 
-async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<void> {
+/** Counts files that were asked for: one that was overtaken is not shown. */
+let asked = 0;
+
+/** Show a file; resolves with whether no other one has taken its place. */
+async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<boolean> {
+  const turn = ++asked;
   status.replaceChildren("Preparing the light…");
   status.hidden = false;
-  const asset = await work;
+  const asset = await work.catch((error: unknown) => {
+    if (turn === asked) throw error;
+    return null;
+  });
+  if (turn !== asked) return false;
   if (!asset) {
     status.replaceChildren(createWelcome((file) => void show(viewer, file).catch(explain)));
-    return;
+    return true;
   }
   status.replaceChildren("Preparing the light…");
   // From the first frame on, which has direct light alone, the page can be used.
@@ -99,6 +108,7 @@ async function show(viewer: Viewer, work: Promise<LoadedAsset | null>): Promise<
     root.classList.add("loaded");
   });
   await viewer.load(asset).finally(stop);
+  return turn === asked;
 }
 
 /** Says how much of the file has come. */
@@ -122,7 +132,7 @@ async function start(): Promise<void> {
   root.append(createNotices(viewer));
   if (options.ui) addControls(viewer);
   acceptDrops((file) => void show(viewer, file).catch(explain));
-  const ready = show(viewer, findAsset(options, sayProgress)).then(() => applyOptions(viewer));
+  const ready = show(viewer, findAsset(options, sayProgress)).then((shown) => (shown ? applyOptions(viewer) : undefined));
   automate(viewer, ready);
   answerFrame(viewer, ready);
   await ready.catch(explain);

@@ -100,7 +100,7 @@ export class LearnedLight implements PluginSource {
     for (const plugin of this.plugins) plugin.remove();
     for (const lamp of this.lamps) lamp.dispose();
     for (const texture of this.textures.values()) texture.dispose();
-    for (const undo of this.undo) undo();
+    for (const undo of this.undo.splice(0)) undo();
   }
 
   /** Look at where the root stands. */

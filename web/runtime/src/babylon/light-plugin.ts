@@ -39,11 +39,16 @@ const ADD = /* glsl */ `
 
 /** The plug-in; its material shows the light of one file. */
 export class LearnedLightPlugin extends MaterialPluginBase {
-  private readonly source: PluginSource;
+  /** Null once the light is taken off: Babylon.js keeps every plug-in in its material for good. */
+  private source: PluginSource | null;
+  /** Its define. */
+  private readonly define: string;
 
   constructor(material: PBRBaseMaterial, source: PluginSource) {
-    super(material, "LearnedLight", 300, { [`LIGHTWELL${source.id}`]: true }, false, false);
+    const define = `LIGHTWELL${source.id}`;
+    super(material, "LearnedLight", 300, { [define]: true }, false, false);
     this.source = source;
+    this.define = define;
     // `hardBindForSubMesh` is one of those events.
     this.registerForExtraEvents = true;
     // To be listed is to be asked for the text.
@@ -57,33 +62,35 @@ export class LearnedLightPlugin extends MaterialPluginBase {
 
   /** Take the light off again. */
   remove(): void {
-    this._enable(false);
+    this.source = null;
     this.markAllDefinesAsDirty();
   }
 
   override prepareDefinesBeforeAttributes(defines: MaterialDefines): void {
+    // Another define is another program.
+    if (!this.source) return void Object.assign(defines, { [this.define]: false });
     // Coordinates that maps of the material may not use.
     Object.assign(defines, { _needUVs: true, MAINUV1: true, MAINUV2: true });
   }
 
   override getCustomCode(shaderType: string): { [point: string]: string } | null {
-    if (shaderType !== "fragment") return null;
+    if (shaderType !== "fragment" || !this.source) return null;
     return { CUSTOM_FRAGMENT_DEFINITIONS: `uniform mat4 lightwellToFile;\n${this.source.code}`, CUSTOM_FRAGMENT_BEFORE_FOG: ADD };
   }
 
   override getUniforms() {
-    return { externalUniforms: ["lightwellToFile", ...this.source.uniformNames] };
+    return { externalUniforms: this.source ? ["lightwellToFile", ...this.source.uniformNames] : [] };
   }
 
   override getSamplers(samplers: string[]): void {
-    samplers.push(...this.source.samplerNames);
+    if (this.source) samplers.push(...this.source.samplerNames);
   }
 
   override getActiveTextures(textures: BaseTexture[]): void {
-    textures.push(...this.source.activeTextures);
+    if (this.source) textures.push(...this.source.activeTextures);
   }
 
   override hardBindForSubMesh(_buffer: UniformBuffer, _scene: Scene, _engine: AbstractEngine, subMesh: SubMesh): void {
-    if (subMesh.effect) this.source.bind(subMesh.effect);
+    if (subMesh.effect) this.source?.bind(subMesh.effect);
   }
 }

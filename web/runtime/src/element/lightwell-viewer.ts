@@ -40,6 +40,8 @@ const ElementBase = (globalThis.HTMLElement ?? class {}) as typeof HTMLElement;
 
 /** What belongs to one file. */
 interface Shown {
+  /** Whether its shaders are compiled: to draw before would hold up the page until they are. */
+  ready: boolean;
   readonly gltf: GLTF;
   readonly learned: LearnedScene;
   readonly scene: Scene;
@@ -171,13 +173,17 @@ export class LightwellViewer extends ElementBase implements Client {
       scene.background = sky?.texture ?? null;
       const movers = moverProps(learned.movers, (name) => TAKEN.includes(name) || name in this, "lightwell-viewer");
       const unknown = new UnknownNames("lightwell-viewer", learned, movers.keys(), "environment-rotation");
-      this.shown = { gltf, learned, scene, sky, movers, unknown };
+      const shown: Shown = { ready: false, gltf, learned, scene, sky, movers, unknown };
+      this.shown = shown;
       this.short.observe(this, { attributes: true });
       this.checkNames(this.getAttributeNames());
       for (const name of ["camera", "light", "day", "environment-rotation", "lamps", "movers"]) this.apply(name);
       learned.update(renderer);
+      // It is a part of shaders, and the renderer has that of the element that drew last.
+      renderer.toneMapping = toneMappingOf(this.getAttribute("tone-mapping"));
       await learned.compile(renderer, scene, this.camera);
       if (load !== this.loads) return;
+      shown.ready = true;
       this.say("");
       this.bar.hidden = this.poster.hidden = true;
       this.draw();
@@ -251,7 +257,7 @@ export class LightwellViewer extends ElementBase implements Client {
     else this.canvas.setAttribute("aria-label", alt);
   }
 
-  /** Let the visitor orbit by pointer and arrow keys, or not. */
+  /** Let the visitor orbit, zoom and move by pointer and arrow keys, or not. */
   private setControls(on: boolean): void {
     if (on === (this.orbit !== null)) return;
     this.orbit?.dispose();
@@ -284,7 +290,7 @@ export class LightwellViewer extends ElementBase implements Client {
 
   private draw(): void {
     this.requested = 0;
-    if (!this.shared || !this.shown) return;
+    if (!this.shared || !this.shown?.ready) return;
     const gliding = this.orbit?.update() ?? false;
     const exposure = positive(this.getAttribute("exposure")) ?? this.shown.learned.exposure ?? 1;
     this.shown.sky?.update(this.shown.learned.lamps);

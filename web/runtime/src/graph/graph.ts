@@ -118,7 +118,7 @@ function checkBuffer(buffer: StoredBuffer, where: string): void {
   if (buffer.type !== "int8" && buffer.type !== "uint8")
     fail(`${where}.type`, "float32, float16, int8 or uint8");
   const scales = typeof buffer.scale === "number" ? [buffer.scale] : [...(buffer.scale ?? [])];
-  const [rows, columns = 0] = buffer.shape as [number, number?];
+  const [rows, columns = 1] = buffer.shape as [number, number?];
   if (![1, rows, rows * columns].includes(scales.length)) {
     fail(`${where}.scale`, "one number, or one per index of the first axis or of the first two");
   }

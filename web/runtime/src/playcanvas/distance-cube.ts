@@ -85,7 +85,7 @@ export class DistanceCube {
     }
   }
 
-  /** The next frame needs no other distances. */
+  /** They are drawn. */
   rest(): void {
     for (const eye of this.eyes) if (eye.camera!.enabled) eye.camera!.enabled = false;
   }

@@ -89,7 +89,9 @@ export class LearnedLight {
     this.textures = this.light.textures.map((table) => tableTexture(app, table));
     this.patch(new Set(instances.map(({ material }) => material as StandardMaterial)), radiance.glass);
     app.on("update", this.update, this);
-    app.on("frameend", this.rest, this);
+    // Frames may end that were not drawn.
+    app.on("postrender", this.rest, this);
+    app.graphicsDevice.on("devicerestored", this.renewShadows, this);
   }
 
   /** Choose which parts of the light are shown. */
@@ -109,7 +111,8 @@ export class LearnedLight {
   /** Free what was made for the light, and the file itself. */
   dispose(): void {
     this.app.off("update", this.update, this);
-    this.app.off("frameend", this.rest, this);
+    this.app.off("postrender", this.rest, this);
+    this.app.graphicsDevice.off("devicerestored", this.renewShadows, this);
     this.app.scene.layers.remove(this.layer);
     for (const { cube } of this.shadowed) cube?.dispose();
     for (const texture of this.textures) texture.destroy();
@@ -120,6 +123,11 @@ export class LearnedLight {
 
   private rest(): void {
     for (const { cube } of this.shadowed) cube?.rest();
+  }
+
+  /** A restored context has lost the distances. */
+  private renewShadows(): void {
+    for (const shadowed of this.shadowed) shadowed.drawn = "";
   }
 
   private createLamp(lamp: EngineLamp, reach: Reach): Shadowed {

@@ -7,6 +7,9 @@ import { readExtension } from "../extension.ts";
 import { NO_LIGHT } from "../no-light.ts";
 import { LearnedLight, type LearnedLightOptions } from "./learned-light.ts";
 
+/** Files so far. */
+let files = 0;
+
 /**
  * Load a GLB with learned light.
  *
@@ -30,14 +33,21 @@ export async function loadLearned(app: AppBase, source: string | ArrayBuffer, op
     },
   });
   const name = typeof source === "string" ? source : "scene.glb";
-  const asset = new Asset(name, "container", { url: name, filename: "scene.glb", contents: bytes } as never);
+  // PlayCanvas shares what has one address and one hash, materials too: each light needs its own.
+  const asset = new Asset(name, "container", { url: name, filename: "scene.glb", contents: bytes, hash: `lightwell${files++}` } as never);
   await new Promise<void>((resolve, reject) => {
     asset.once("load", () => resolve());
     asset.once("error", (message: string) => reject(new Error(`lightwell/playcanvas: ${name}: ${message}`)));
     app.assets.add(asset);
     app.assets.load(asset);
   });
-  return new LearnedLight(app, asset, radiance ?? NO_LIGHT, options);
+  try {
+    return new LearnedLight(app, asset, radiance ?? NO_LIGHT, options);
+  } catch (error) {
+    app.assets.remove(asset);
+    asset.unload();
+    throw error;
+  }
 }
 
 async function download(url: string): Promise<ArrayBuffer> {

@@ -28,6 +28,8 @@ export function listenToFlight(viewer: Viewer): void {
     requested = held.size > 0 ? requestAnimationFrame(step) : 0;
   };
   addEventListener("keydown", (event) => {
+    // macOS tells of no key that is let go while this one is down.
+    if (event.key === "Meta") held.clear();
     const key = KEYS.find((name) => name === event.key);
     if (!key || event.ctrlKey || event.metaKey || event.altKey || !isPicture(event.target)) return;
     event.preventDefault();
