@@ -10,12 +10,13 @@ import numpy as np
 
 from lightwell.core.isolated import Arrays
 from lightwell.scenes.convert_files import Folder, as_png
+from lightwell.scenes.convert_mtl import MaterialFiles, decoded, map_statement, prepared
 from lightwell.scenes.glb_writer import GlbWriter
 
 # Roughness of a material without a specular exponent.
 MATT = 1.0
 # Statements of an MTL file that are read (some by other names), and those that say nothing about light.
-READ = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr", "map_kd", "diffuse", "glossiness", "image", "name"}
+READ = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr", "map_kd", "map_ke", "diffuse", "glossiness", "image", "name"}
 SILENT = {"ka", "ambient", "illum", "map_ka"}
 
 
@@ -35,8 +36,10 @@ def convert(request: Arrays) -> Arrays:
     import trimesh
 
     path = Path(str(request["path"]))
-    folder = Folder(path.parent, int(request["most_bytes"]))
+    folder = MaterialFiles(path.parent, int(request["most_bytes"]))
     data, kind = folder[path.name], path.suffix.lower()[1:]
+    if kind == "obj":
+        data = prepared(decoded(data), folder).encode()
     try:
         # Objects of an OBJ file stay what they are: points are drawn for each of them.
         words = {"split_objects": True} if kind == "obj" else {}
@@ -107,24 +110,40 @@ def _material(source: Any, writer: GlbWriter, folder: Folder, lost: set[str]) ->
     image = getattr(source, "image", None)
     if image is not None:
         # Other pictures than PNG and JPEG, and those of PLY files, have been opened by trimesh alone.
-        picture = folder.picture(str(image.info.get("file_path", ""))) or as_png(image)
+        statement = map_statement(str(image.info.get("file_path", "")))
+        picture = folder.picture(statement.file) or as_png(image)
         if picture is None:
             lost.add(f"material '{name}': its picture cannot be read and is left out")
         else:
             # A map takes the place of the colour in most programs that write OBJ files.
             pbr |= {
-                "baseColorTexture": writer.texture(*picture),
+                "baseColorTexture": writer.texture(*picture, statement.wrap, statement.transform),
                 "baseColorFactor": [1, 1, 1, pbr["baseColorFactor"][3]],
             }
+            lost |= {f"material '{name}': '{option}' of its picture is ignored" for option in statement.ignored}
     entry: dict[str, Any] = {"name": name, "pbrMetallicRoughness": pbr, "doubleSided": True}
     if alpha < 1:
         entry["alphaMode"] = "BLEND"
-    emission = np.maximum(_numbers(said.get("ke"), [0.0] * 3), 0)
+    _emission(said, entry, writer, folder, lost)
+    lost |= {f"material '{name}': '{key}' is ignored" for key in said if key.lower() not in READ | SILENT}
+    return entry
+
+
+def _emission(said: dict[str, Any], entry: dict[str, Any], writer: GlbWriter, folder: Folder, lost: set[str]) -> None:
+    """Add the emission of a material; a picture without ``Ke``, or with one of 0, has radiance 1 where it is white."""
+    emission, what = np.maximum(_numbers(said.get("ke"), [0.0] * 3), 0), f"material '{entry['name']}'"
+    if "map_ke" in said:
+        statement = map_statement(" ".join(said["map_ke"]))
+        picture = folder.picture(statement.file)
+        if picture is None:
+            lost.add(f"{what}: the picture of its emission is missing or neither PNG nor JPEG, and is left out")
+        else:
+            entry["emissiveTexture"] = writer.texture(*picture, statement.wrap, statement.transform)
+            emission = emission if emission.max() > 0 else np.ones(3)
+            lost |= {f"{what}: '{option}' of the picture of its emission is ignored" for option in statement.ignored}
     if emission.max() > 0:
         entry["emissiveFactor"] = (emission / max(1.0, emission.max())).tolist()
         entry["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": max(1.0, float(emission.max()))}}
-    lost |= {f"material '{name}': '{key}' is ignored" for key in said if key.lower() not in READ | SILENT}
-    return entry
 
 
 def _roughness(said: dict[str, Any]) -> float:

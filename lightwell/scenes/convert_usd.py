@@ -17,6 +17,8 @@ from lightwell.scenes.glb_writer import GlbWriter
 Z_UP = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 # Types of primvars that are texture coordinates.
 UV_TYPES = ("texCoord2f[]", "texCoord2d[]", "texCoord2h[]", "float2[]")
+# Degrees from the axis of a spot: of one that shines everywhere, and of the widest that glTF has.
+FULL_CONE, WIDEST_CONE = 180.0, 90.0
 # Types of primitives that hold no light and no surface, and need no word.
 SILENT = {
     "",
@@ -210,38 +212,64 @@ class _Reader:
         self._writer.camera(prim.GetName(), float(fov_y), self._rigid(prim))
 
     def _power(self, prim: Any) -> tuple[np.ndarray, float]:
-        from pxr import UsdLux
+        """Colour, of which the temperature is a factor, and radiance."""
+        from pxr import Usd, UsdLux
 
-        light = UsdLux.LightAPI(prim)
-        intensity = float(light.GetIntensityAttr().Get()) * 2.0 ** float(light.GetExposureAttr().Get())
-        return np.asarray(light.GetColorAttr().Get(), float), intensity
+        light, first = UsdLux.LightAPI(prim), Usd.TimeCode.EarliestTime()
+        intensity = float(light.GetIntensityAttr().Get(first)) * 2.0 ** float(light.GetExposureAttr().Get(first))
+        color = np.asarray(light.GetColorAttr().Get(first), float)
+        if light.GetEnableColorTemperatureAttr().Get(first):
+            kelvin = float(light.GetColorTemperatureAttr().Get(first))
+            color = color * np.asarray(UsdLux.BlackbodyTemperatureAsRgb(kelvin), float)
+        return color, intensity
 
     def _lamp(self, prim: Any, name: str) -> None:
-        """A sphere that emits radiance L is a lamp of π r² L candela seen from afar."""
-        from pxr import UsdLux
+        """A sphere that emits radiance L is a lamp of π r² L candela seen from afar; of L / 4 where it is normalised,
+        with lengths in units of the stage."""
+        from pxr import Usd, UsdLux
 
         color, radiance = self._power(prim)
-        lamp = UsdLux.SphereLight(prim)
-        radius = float(lamp.GetRadiusAttr().Get()) * self._scale
-        if not lamp.GetTreatAsPointAttr().Get():
+        lamp, first = UsdLux.SphereLight(prim), Usd.TimeCode.EarliestTime()
+        # Metres of a unit of the lamp's own space.
+        scale = float(np.cbrt(abs(np.linalg.det(self._matrix(prim)[:3, :3]))))
+        radius = float(lamp.GetRadiusAttr().Get(first)) * scale
+        if not lamp.GetTreatAsPointAttr().Get(first):
             self._lost.add(f"SphereLight '{name}': its shadows are those of a point")
-        if UsdLux.LightAPI(prim).GetNormalizeAttr().Get():
-            radiance /= max(4 * np.pi * radius**2 / self._scale**2, 1e-12)
+        normalised = UsdLux.LightAPI(prim).GetNormalizeAttr().Get(first)
         entry = {
-            "type": "point",
             "name": prim.GetName(),
             "color": color.tolist(),
-            "intensity": np.pi * radius**2 * radiance,
+            "intensity": (self._scale**2 / 4 if normalised else np.pi * radius**2) * radiance,
+            **self._shape(prim, name),
         }
         self._writer.light(entry, self._rigid(prim))
 
+    def _shape(self, prim: Any, name: str) -> dict[str, Any]:
+        """Type of a lamp: a spot where its cone is said, else a point."""
+        from pxr import Usd, UsdLux
+
+        shaping, first = UsdLux.ShapingAPI(prim), Usd.TimeCode.EarliestTime()
+        said = shaping.GetShapingConeAngleAttr() if prim.HasAPI(UsdLux.ShapingAPI) else None
+        if prim.HasAPI(UsdLux.ShapingAPI) and (
+            shaping.GetShapingFocusAttr().Get(first) or shaping.GetShapingIesFileAttr().Get(first)
+        ):
+            self._lost.add(f"SphereLight '{name}': its focus and its light distribution are ignored")
+        if not said or not said.HasAuthoredValue() or said.Get(first) >= FULL_CONE:
+            return {"type": "point"}
+        if said.Get(first) > WIDEST_CONE:
+            self._lost.add(f"SphereLight '{name}': its cone is cut to {WIDEST_CONE:g}°")
+        outer = float(np.radians(np.clip(said.Get(first), 0, WIDEST_CONE)))
+        softness = float(np.clip(shaping.GetShapingConeSoftnessAttr().Get(first), 0, 1))
+        return {"type": "spot", "spot": {"innerConeAngle": outer * (1 - softness), "outerConeAngle": outer}}
+
     def _sun(self, prim: Any, name: str) -> None:
         """A distant light of radiance L over a disc of angle a gives π sin²(a/2) L lux; where normalised, L lux."""
-        from pxr import UsdLux
+        from pxr import Usd, UsdLux
 
         color, radiance = self._power(prim)
-        angle = np.radians(float(UsdLux.DistantLight(prim).GetAngleAttr().Get()))
-        normalised = UsdLux.LightAPI(prim).GetNormalizeAttr().Get() or angle <= 0
+        first = Usd.TimeCode.EarliestTime()
+        angle = np.radians(float(UsdLux.DistantLight(prim).GetAngleAttr().Get(first)))
+        normalised = UsdLux.LightAPI(prim).GetNormalizeAttr().Get(first) or angle <= 0
         lux = radiance if normalised else np.pi * np.sin(angle / 2) ** 2 * radiance
         entry = {"type": "directional", "name": prim.GetName(), "color": color.tolist(), "intensity": float(lux)}
         self._writer.light(entry, self._rigid(prim))

@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 
 from lightwell.scenes.convert_files import Folder
-from lightwell.scenes.glb_writer import GlbWriter
+from lightwell.scenes.glb_writer import CLAMP, MIRROR, REPEAT, GlbWriter
 
 # Inputs of UsdPreviewSurface that are read.
 READ = {"diffuseColor", "metallic", "roughness", "emissiveColor", "opacity", "ior", "normal"}
+# Index of refraction of UsdPreviewSurface and glTF where none is said.
+DEFAULT_IOR = 1.5
+# Wrap modes other than repetition.
+WRAPS = {"clamp": CLAMP, "mirror": MIRROR}
 # Most shaders between a picture and its texture coordinates.
 MOST_STEPS = 8
 
@@ -109,6 +113,9 @@ class Materials:
         _, bumps = self._value(said, "normal", [0.0] * 3, path, names)
         if bumps is not None:
             entry["normalTexture"] = bumps
+        ior = float(self._value(said, "ior", [DEFAULT_IOR], path, names)[0][0])
+        if ior != DEFAULT_IOR:
+            entry["extensions"] = {"KHR_materials_ior": {"ior": max(ior, 1.0)}}
         self._emission(said, entry, path, names)
         self._lost |= {f"material '{path}': '{name}' is ignored" for name in said.keys() - READ}
         return entry
@@ -119,59 +126,94 @@ class Materials:
         if light.max() > 0:
             strength = max(1.0, float(light.max()))
             entry["emissiveFactor"] = (light / strength).tolist()
-            entry["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+            entry.setdefault("extensions", {})["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
             if picture is not None:
                 entry["emissiveTexture"] = picture
 
     def _value(
         self, said: dict[str, Any], name: str, default: list[float], path: str, names: list[str]
-    ) -> tuple[np.ndarray, dict[str, int] | None]:
-        """Numbers of an input, white and a texture where a picture is connected."""
+    ) -> tuple[np.ndarray, dict[str, Any] | None]:
+        """Numbers of an input, and a texture that they are the factor of where a picture is connected."""
         if name not in said:
             return np.asarray(default, float), None
-        sources = said[name].GetConnectedSources()[0]
-        if not sources:
-            value = said[name].Get()
-            found = np.atleast_1d(np.asarray(default if value is None else value, float))
-            good = len(found) == len(default) and np.isfinite(found).all()
-            return (found if good else np.asarray(default, float)), None
-        texture = self._texture(sources[0].source, f"material '{path}': '{name}'")
+        what, source = f"material '{path}': '{name}'", _source(said[name])
+        if source is None:
+            return _numbers(said[name], default), None
+        texture = self._texture(source, what, names if len(default) > 1 else [])
         if texture is None or len(default) == 1:
             if texture is not None:
                 self._lost.add(f"material '{path}': the picture of '{name}' is ignored")
             return np.asarray(default, float), None
-        names += self._coordinates(sources[0].source, f"material '{path}': '{name}'")
-        return np.ones(len(default)), texture
+        # Scale and bias of a normal map are those of any: from [0, 1] to [-1, 1].
+        if name != "normal" and _numbers(source.GetInput("bias"), [0.0] * 4)[:3].any():
+            self._lost.add(f"{what}: the bias of its picture is ignored")
+        return _numbers(source.GetInput("scale"), [1.0] * 4)[:3], texture
 
-    def _coordinates(self, source: Any, what: str) -> list[str]:
-        """Name of the primvar that a picture is read at; none where nothing says so."""
-        from pxr import UsdShade
-
-        place = UsdShade.Shader(source.GetPrim()).GetInput("st")
+    def _coordinates(self, shader: Any, what: str) -> tuple[list[str], dict[str, Any] | None]:
+        """Name of the primvar that a picture is read at, none where nothing says so, and its KHR_texture_transform."""
+        place, transform = shader.GetInput("st"), None
         for _ in range(MOST_STEPS):
-            sources = place.GetConnectedSources()[0] if place else []
-            if not sources:
-                return []
-            shader = UsdShade.Shader(sources[0].source.GetPrim())
-            kind = shader.GetIdAttr().Get() if shader else None
+            source = _source(place)
+            kind = source.GetIdAttr().Get() if source else None
             if kind == "UsdTransform2d":
-                self._lost.add(f"{what}: the transform of its picture is ignored")
-                place = shader.GetInput("in")
+                if transform is not None:
+                    self._lost.add(f"{what}: of several transforms of its picture the last is used")
+                transform = transform or _transform(source)
+                place = source.GetInput("in")
             elif kind == "UsdPrimvarReader_float2":
-                values = UsdShade.Utils.GetValueProducingAttributes(shader.GetInput("varname"))
-                name = values[0].Get() if values else None
-                return [str(name)] if name else []
+                name = _said(source.GetInput("varname"))
+                return [str(name)] if name else [], transform
             else:
-                return []
-        return []
+                break
+        return [], transform
 
-    def _texture(self, source: Any, what: str) -> dict[str, int] | None:
-        from pxr import UsdShade
-
-        shader = UsdShade.Shader(source.GetPrim())
-        file = shader.GetInput("file").Get() if shader and shader.GetInput("file") else None
-        picture = self._folder.picture(file.path) if file is not None else None
+    def _texture(self, shader: Any, what: str, names: list[str]) -> dict[str, Any] | None:
+        """A picture at its coordinates, whose name is added to ``names``; None where it cannot be read."""
+        file = _said(shader.GetInput("file"))
+        # The path is relative to the layer that says it, which may lie in another folder than the stage.
+        picture = self._folder.picture(file.resolvedPath or file.path) if file is not None else None
         if picture is None:
             self._lost.add(f"{what}: its picture is missing, outside of the scene's folder, or neither PNG nor JPEG")
             return None
-        return self._writer.texture(*picture)
+        found, transform = self._coordinates(shader, what)
+        names += found
+        u, v = (WRAPS.get(str(_said(shader.GetInput(key))), REPEAT) for key in ("wrapS", "wrapT"))
+        return self._writer.texture(*picture, (u, v), transform)
+
+
+def _source(place: Any) -> Any:
+    """The shader that an input gets its value from, also through the interface of its material; None without one."""
+    from pxr import UsdShade
+
+    attributes = UsdShade.Utils.GetValueProducingAttributes(place) if place else []
+    found = [a for a in attributes if UsdShade.Output.IsOutput(a)]
+    return UsdShade.Shader(found[0].GetPrim()) if found else None
+
+
+def _said(place: Any) -> Any:
+    """The value of an input, also where the interface of its material holds it; None without one."""
+    from pxr import Usd, UsdShade
+
+    if not place:
+        return None
+    attributes = UsdShade.Utils.GetValueProducingAttributes(place)
+    first = Usd.TimeCode.EarliestTime()
+    return attributes[0].Get(first) if attributes else place.Get(first)
+
+
+def _numbers(place: Any, default: list[float]) -> np.ndarray:
+    """Numbers of an input; the default where it has others."""
+    value = _said(place)
+    found = np.atleast_1d(np.asarray(default if value is None else value, float))
+    return found if len(found) == len(default) and np.isfinite(found).all() else np.asarray(default, float)
+
+
+def _transform(shader: Any) -> dict[str, Any] | None:
+    """A UsdTransform2d, whose v counts upwards, as KHR_texture_transform; None where it moves nothing."""
+    su, sv = _numbers(shader.GetInput("scale"), [1.0] * 2)
+    u, v = _numbers(shader.GetInput("translation"), [0.0] * 2)
+    angle = float(np.radians(_numbers(shader.GetInput("rotation"), [0.0])[0]))
+    if (su, sv, u, v, angle) == (1, 1, 0, 0, 0):
+        return None
+    offset = [float(u - np.sin(angle) * sv), float(1 - v - np.cos(angle) * sv)]
+    return {"offset": offset, "rotation": angle, "scale": [float(su), float(sv)]}

@@ -12,7 +12,7 @@ import numpy as np
 FLOAT, UINT = 5126, 5125
 TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 # Wrap modes of glTF samplers.
-REPEAT = 10497
+REPEAT, CLAMP, MIRROR = 10497, 33071, 33648
 
 
 class GlbWriter:
@@ -21,7 +21,7 @@ class GlbWriter:
     def __init__(self) -> None:
         self._data = bytearray()
         self._document: dict[str, Any] = {"asset": {"version": "2.0"}, "scene": 0}
-        self._images: dict[bytes, int] = {}
+        self._images: dict[tuple[bytes, tuple[int, int]], int] = {}
 
     def _append(self, table: str, entry: Mapping[str, Any]) -> int:
         entries = self._document.setdefault(table, [])
@@ -47,21 +47,33 @@ class GlbWriter:
             entry |= {"min": array.min(axis=0).tolist(), "max": array.max(axis=0).tolist()}
         return self._append("accessors", entry)
 
-    def texture(self, data: bytes, mime: str) -> dict[str, int]:
+    def texture(
+        self,
+        data: bytes,
+        mime: str,
+        wrap: tuple[int, int] = (REPEAT, REPEAT),
+        transform: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
         """Add a picture.
 
         Args:
             data: Bytes of a PNG, JPEG or WebP file.
             mime: Its media type.
+            wrap: Wrap modes in u and v.
+            transform: A KHR_texture_transform of its coordinates.
 
         Returns:
-            A glTF texture reference; the same bytes are stored once.
+            A glTF texture reference; the same bytes are stored once for each way to repeat them.
         """
-        if data not in self._images:
+        if (data, wrap) not in self._images:
             image = self._append("images", {"bufferView": self._view(data), "mimeType": mime})
-            sampler = self._append("samplers", {"wrapS": REPEAT, "wrapT": REPEAT})
-            self._images[data] = self._append("textures", {"source": image, "sampler": sampler})
-        return {"index": self._images[data]}
+            sampler = self._append("samplers", {"wrapS": wrap[0], "wrapT": wrap[1]})
+            self._images[data, wrap] = self._append("textures", {"source": image, "sampler": sampler})
+        reference: dict[str, Any] = {"index": self._images[data, wrap]}
+        if transform is not None:
+            self._use("KHR_texture_transform")
+            reference["extensions"] = {"KHR_texture_transform": dict(transform)}
+        return reference
 
     def material(self, entry: Mapping[str, Any]) -> int:
         """Add a material.

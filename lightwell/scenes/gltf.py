@@ -55,7 +55,7 @@ LARGE, SMALL = 300.0, 0.1
 # Sine of the angle between a camera's axes below which they say no direction.
 LEAST_SINE = 1e-6
 # Extensions that do not affect light and are ignored without a warning.
-HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld", "EXT_lights_ies"}
+HARMLESS_EXTENSIONS = {"KHR_materials_variants", "KHR_xmp", "KHR_xmp_json_ld"}
 
 
 def load_gltf(path: str | Path, limits: Limits | None = None, unit: float = 1.0) -> Scene:

@@ -24,6 +24,8 @@ ATTRIBUTES = {
     "COLOR_0": (3, 4),
     "JOINTS_0": (4,),
     "WEIGHTS_0": (4,),
+    "JOINTS_1": (4,),
+    "WEIGHTS_1": (4,),
 }
 
 # Replacement of values that are not finite, and its name in warnings; other attributes are refused.
@@ -36,7 +38,7 @@ REPAIRS = {
 # Vertex colours above this are not rounded ones: a surface would reflect more light than arrives.
 MOST_COLOR = 1.001
 # Attributes that are ignored without a warning: tangents are computed from texture coordinates.
-SILENT_ATTRIBUTES = ("TANGENT", "JOINTS_1", "WEIGHTS_1")
+SILENT_ATTRIBUTES = ("TANGENT",)
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,9 @@ class Primitive:
     material: int | None
     """Index into the file's materials."""
     joints: np.ndarray | None = None
-    """[V, 4] whole numbers, indices into the skin's joints."""
+    """[V, 4 or 8] whole numbers, indices into the skin's joints."""
     weights: np.ndarray | None = None
-    """[V, 4] float32."""
+    """[V, 4 or 8] float32."""
 
 
 class Geometry:
@@ -218,8 +220,17 @@ class Geometry:
         if colors is not None and colors.shape[1] == 3:
             colors = np.concatenate([colors, np.ones((count, 1), np.float32)], axis=1)
         normals, uv0, uv1 = (arrays.get(n) for n in ("NORMAL", "TEXCOORD_0", "TEXCOORD_1"))
-        joints, weights = arrays.get("JOINTS_0"), arrays.get("WEIGHTS_0")
+        joints, weights = _influences(arrays)
         return Primitive(positions, indices, normals, uv0, uv1, colors, material, joints, weights)
+
+
+def _influences(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Joints and weights of a skin: four or eight of each vertex."""
+    joints, weights = arrays.get("JOINTS_0"), arrays.get("WEIGHTS_0")
+    more, heavy = arrays.get("JOINTS_1"), arrays.get("WEIGHTS_1")
+    if joints is None or weights is None or more is None or heavy is None or not heavy.any():
+        return joints, weights
+    return np.concatenate([joints, more], axis=1), np.concatenate([weights, heavy], axis=1)
 
 
 def morph_weights(place: Place) -> tuple[float, ...] | None:

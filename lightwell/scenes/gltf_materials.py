@@ -19,6 +19,9 @@ NEAR_DELTA_ROUGHNESS = 0.1
 WITHOUT_MATERIAL = Material("without material", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0, roughness=1.0)
 # Radiance above which a material's emission counts as an error: the sun's disc has 1.6e9 cd/m².
 MOST_RADIANCE = 1e10
+# Mean of a transmission texture below which a surface is opaque: noise of a black JPEG, or a few windows in the picture
+# of a whole house, whose walls would let light through.
+LEAST_TRANSMISSION = 0.05
 
 # Material extensions that are read, completely or in part.
 READ = {
@@ -47,7 +50,7 @@ def read_material(place: Place, textures: Textures, warn: Callable[[str], None])
         material = converted(glossy, material, textures)
         lost.append("specular-glossiness is converted to metallic-roughness approximately")
     material = _surface(place, material, textures, lost)
-    material = _extensions(place, material, lost)
+    material = _extensions(place, material, textures, lost)
     if material.unlit and max(material.emissive) > 0:
         lost.append("it is unlit, so that its emission is what it looks like and no light")
         material = replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None)
@@ -111,25 +114,43 @@ def _surface(place: Place, material: Material, textures: Textures, lost: list[st
     )
 
 
-def _extensions(place: Place, material: Material, lost: list[str]) -> Material:
+def _extensions(place: Place, material: Material, textures: Textures, lost: list[str]) -> Material:
     def of(name: str) -> Place:
         return place.extension(f"KHR_materials_{name}") or Place(place.scene, place.what, {})
 
-    for name in ("transmission", "clearcoat", "sheen", "specular", "volume"):
+    for name in ("clearcoat", "sheen", "specular", "volume"):
         lost.extend(f"the {key} is ignored" for key in of(name).value if key.endswith("Texture"))
-    transmission, volume, clearcoat = of("transmission"), of("volume"), of("clearcoat")
+    volume, clearcoat = of("volume"), of("clearcoat")
+    sheen = of("sheen").numbers("sheenColorFactor", 3, (0.0, 0.0, 0.0))
+    if max(sheen) > min(sheen):
+        lost.append("the colour of its sheen is ignored")
     if "attenuationColor" in volume and min(volume.numbers("attenuationColor", 3)) < 1:
         lost.append("the absorption in its volume is ignored")
     return replace(
         material,
-        transmission=_unit(transmission.number("transmissionFactor", 0.0)),
+        transmission=_transmission(of("transmission"), textures, lost),
         thickness=volume.number("thicknessFactor", 0.0, low=0),
         ior=_ior(of("ior"), of("specular"), material, lost),
         clearcoat=_unit(clearcoat.number("clearcoatFactor", 0.0)),
         clearcoat_roughness=_unit(clearcoat.number("clearcoatRoughnessFactor", 0.0)),
-        sheen=_unit(max(of("sheen").numbers("sheenColorFactor", 3, (0.0, 0.0, 0.0)))),
+        sheen=_unit(max(sheen)),
         unlit=place.extension("KHR_materials_unlit") is not None,
     )
+
+
+def _transmission(place: Place, textures: Textures, lost: list[str]) -> float:
+    """Read the share of light that passes through a surface: one number, so that a texture is averaged."""
+    factor = _unit(place.number("transmissionFactor", 0.0))
+    texture = textures.read(place, "transmissionTexture") if factor > 0 else None
+    if texture is None:
+        return factor
+    mean = float(texture.image.pixels[..., 0].mean()) / 255
+    if mean < LEAST_TRANSMISSION:
+        lost.append(f"its transmissionTexture has a mean of {mean:.2g}; the whole surface is opaque")
+        return 0.0
+    if mean < 1:
+        lost.append(f"its transmissionTexture is averaged: {mean:.2g} everywhere")
+    return factor * mean
 
 
 def _ior(place: Place, specular: Place, material: Material, lost: list[str]) -> float:
@@ -137,7 +158,7 @@ def _ior(place: Place, specular: Place, material: Material, lost: list[str]) -> 
     ior = place.number("ior", 1.5)
     ior = max(ior, 1.0) if ior > 0 else 1.5
     factor = _unit(specular.number("specularFactor", 1.0))
-    if min(specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))) < 1:
+    if any(value != 1 for value in specular.numbers("specularColorFactor", 3, (1.0, 1.0, 1.0))):
         lost.append("the colour of its specular reflection is ignored")
     if factor == 1:
         return ior

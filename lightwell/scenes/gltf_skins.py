@@ -62,7 +62,7 @@ def skinned(document: Document, primitive: Primitive, matrices: np.ndarray) -> d
         document.fail(f"a vertex names joint {int(joints.max())}, but its skin has {len(matrices)}")
     weights = primitive.weights / np.maximum(primitive.weights.sum(axis=1, keepdims=True), 1e-6)
     # Without a weight the first joint holds the vertex; it would fall into the origin.
-    weights[primitive.weights.max(axis=1) <= 0] = [1, 0, 0, 0]
+    weights[primitive.weights.max(axis=1) <= 0] = np.eye(1, weights.shape[1])
     blended = np.einsum("vk,vkij->vij", weights, matrices[joints])
     linear = blended[:, :3, :3]
     positions = np.einsum("vij,vj->vi", linear, primitive.positions) + blended[:, :3, 3]

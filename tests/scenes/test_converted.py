@@ -111,6 +111,60 @@ def test_pictures_of_any_kind_are_kept_and_missing_ones_are_told(obj, tmp_path):
     assert any("file 'gone.png' is missing" in line for line in scene.warnings)
 
 
+OPTIONS = "-blendu on -S 2 4 1 -o 0.5 0.25 0 -clamp on -mm 0 1 -bm 0.3 -imfchan l wood floor.png"
+
+
+def test_options_of_a_map_are_no_part_of_its_name_and_move_the_picture(obj, tmp_path):
+    shutil.move(tmp_path / "wood.png", tmp_path / "wood floor.png")
+    (tmp_path / "room.mtl").write_text(MTL.replace("wood.png", OPTIONS))
+    scene = load(obj)
+    [texture] = [m.base_color_texture for m in scene.materials if m.base_color_texture is not None]
+    assert texture.wrap == ("clamp", "clamp")
+    # At u, v of OBJ the picture is read at 2 u + 0.5, 4 v + 0.25; v of glTF is 1 - v.
+    u, v = 0.3, 0.9
+    at = np.array(texture.transform) @ [u, 1 - v, 1]
+    np.testing.assert_allclose(at, [2 * u + 0.5, 1 - (4 * v + 0.25), 1])
+    assert any("'-imfchan' of its picture is ignored" in line for line in scene.warnings)
+    assert not any("'-mm'" in line or "missing" in line for line in scene.warnings)
+
+
+def test_a_lamp_shines_where_its_picture_is_bright(obj, tmp_path):
+    (tmp_path / "room.mtl").write_text(MTL.replace("Ns 98", "Pr 0.5 # half\nmap_Ke -s 2 2 screen.png"))
+    PillowImage.new("RGB", (2, 2), (255, 0, 0)).save(tmp_path / "screen.png")
+    [lamp] = [material for material in load(obj).materials if material.name == "lamp"]
+    assert lamp.emissive == pytest.approx((4, 2, 1)) and lamp.roughness == 0.5
+    texture = lamp.emissive_texture
+    assert texture is not None and texture.image.pixels[0, 0].tolist() == [255, 0, 0, 255]
+    assert texture.transform is not None and texture.transform[0][0] == 2
+
+
+def test_one_number_is_a_grey_and_a_remark_is_none(obj, tmp_path):
+    lamp, floor = "newmtl lamp\nKd 0.5 # grey\nKe 3\nKs 0.5\nNs 98 # shiny\n", "newmtl floor\nKd 0 0 1\n"
+    (tmp_path / "room.mtl").write_text(lamp + floor)
+    materials = {material.name: material for material in load(obj).materials}
+    lamp, floor = materials["lamp"], materials["floor"]
+    assert lamp.base_color[:3] == (0.5, 0.5, 0.5) and lamp.emissive == (3, 3, 3) and floor.base_color[:3] == (0, 0, 1)
+    assert lamp.roughness == pytest.approx((2 / 100) ** 0.25)
+
+
+def test_all_material_libraries_are_read(obj, tmp_path):
+    lamp, floor = MTL.split("newmtl floor")
+    (tmp_path / "my lamp.mtl").write_text(lamp)
+    (tmp_path / "floor.mtl").write_text("newmtl floor" + floor)
+    (tmp_path / "white.mtl").write_text("newmtl white\nKd 1 1 1\n")
+    lines = "# mtllib none\nmtllib my lamp.mtl\nmtllib white.mtl floor.mtl"
+    obj.write_text(OBJ.replace("mtllib room.mtl", lines))
+    assert {material.name for material in load(obj).materials} == {"lamp", "floor"}
+
+
+def test_relative_indices_count_from_the_face(tmp_path, here):
+    square = "v {0} 0 0\nv {0} 1 0\nv {0} 1 1\nf -3 -2 -1\n"
+    (tmp_path / "a.obj").write_text("".join(square.format(x) for x in range(3)))
+    scene = load(tmp_path / "a.obj")
+    assert bounds(scene) == ([0, 0, 0], [2, 1, 1]) and sum(len(mesh.indices) for mesh in scene.meshes) == 3
+    refused(tmp_path / "b.obj", square.format(0).replace("-3", "-9").encode())
+
+
 PLY = """ply
 format ascii 1.0
 comment TextureFile scan.png
@@ -245,6 +299,30 @@ def test_lights_and_cameras_of_a_stage(tmp_path):
     assert any("RectLight '/panel' is left out" in line for line in scene.warnings)
 
 
+def test_a_shaped_light_of_a_stage_is_a_spot_and_has_its_temperature(tmp_path):
+    made, _ = stage(tmp_path / "room.usda", UsdGeom.Tokens.y, 1.0)
+    big = UsdGeom.Xform.Define(made, "/big")
+    big.AddScaleOp().Set((3, 3, 3))
+    for name in ("spot", "wide", "equal"):
+        lamp = UsdLux.SphereLight.Define(made, f"/big/{name}")
+        lamp.CreateRadiusAttr(0.5)
+        lamp.CreateIntensityAttr().Set(8.0, 1.0)
+        shaping = UsdLux.ShapingAPI.Apply(lamp.GetPrim())
+        if name == "spot":
+            shaping.CreateShapingConeAngleAttr(40.0)
+            shaping.CreateShapingConeSoftnessAttr(0.25)
+            lamp.CreateEnableColorTemperatureAttr(True)
+            lamp.CreateColorTemperatureAttr(2700.0)
+    lamp.CreateNormalizeAttr(True)
+    made.GetRootLayer().Save()
+    spot, wide, equal = load(tmp_path / "room.usda").lights
+    assert (spot.kind, wide.kind, equal.kind) == ("spot", "point", "point")
+    assert (spot.inner_cone, spot.outer_cone) == pytest.approx((np.radians(30), np.radians(40)))
+    assert spot.color[0] > 2 * spot.color[2] and wide.color == (1, 1, 1)
+    # The light as a whole grows with the sphere, unless it is normalised by its area.
+    assert wide.intensity == pytest.approx(np.pi * 1.5**2 * 8) and equal.intensity == pytest.approx(2)
+
+
 def test_texture_coordinates_have_the_name_that_the_material_says(tmp_path):
     PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "wood.png")
     made, mesh = stage(tmp_path / "room.usda")
@@ -265,6 +343,47 @@ def test_texture_coordinates_have_the_name_that_the_material_says(tmp_path):
     made.GetRootLayer().Save()
     [floor] = load(tmp_path / "room.usda").meshes
     assert floor.uv0 is not None and floor.uv0.max() == 1 and floor.uv0.min() == 0
+
+
+def test_a_picture_has_the_place_the_factor_and_the_file_that_its_shaders_say(tmp_path):
+    """Each value may stand in the interface of the material; a file is relative to the layer that names it."""
+    (tmp_path / "props").mkdir()
+    PillowImage.new("RGB", (2, 2), (200, 100, 50)).save(tmp_path / "props" / "wood.png")
+    made, mesh = stage(tmp_path / "props" / "chair.usda")
+    painted(made, mesh)
+    names = Sdf.ValueTypeNames
+    material, surface = UsdShade.Material.Get(made, "/paint"), UsdShade.Shader.Get(made, "/paint/surface")
+    rough, file = material.CreateInput("rough", names.Float), material.CreateInput("file", names.Asset)
+    rough.Set(0.75)
+    surface.CreateInput("ior", names.Float).Set(1.25)
+    file.Set("./wood.png")
+    surface.GetInput("roughness").ConnectToSource(rough)
+    turn = UsdShade.Shader.Define(made, "/paint/turn")
+    turn.CreateIdAttr("UsdTransform2d")
+    turn.CreateInput("rotation", names.Float).Set(90)
+    turn.CreateInput("scale", names.Float2).Set((2, 3))
+    turn.CreateInput("translation", names.Float2).Set((0.25, 0.5))
+    wood = UsdShade.Shader.Define(made, "/paint/wood")
+    wood.CreateIdAttr("UsdUVTexture")
+    wood.CreateInput("file", names.Asset).ConnectToSource(file)
+    wood.CreateInput("scale", names.Float4).Set((8, 4, 2, 1))
+    wood.CreateInput("wrapS", names.Token).Set("clamp")
+    wood.CreateInput("wrapT", names.Token).Set("mirror")
+    wood.CreateInput("st", names.Float2).ConnectToSource(turn.ConnectableAPI(), "result")
+    surface.GetInput("emissiveColor").ConnectToSource(wood.ConnectableAPI(), "rgb")
+    made.GetRootLayer().Save()
+    # A stage that contains the other as a layer.
+    room = Usd.Stage.CreateNew(str(tmp_path / "room.usda"))
+    room.GetRootLayer().subLayerPaths.append("props/chair.usda")
+    room.GetRootLayer().Save()
+    scene = load(tmp_path / "room.usda")
+    paint = scene.materials[scene.meshes[0].material]
+    assert (paint.roughness, paint.ior) == (0.75, 1.25) and paint.emissive == pytest.approx((8, 4, 2))
+    texture = paint.emissive_texture
+    assert texture is not None and texture.wrap == ("clamp", "mirror")
+    # Scaled, turned to the left, then moved; v of USD counts upwards.
+    u, v = 0.3, 0.9
+    np.testing.assert_allclose(np.array(texture.transform) @ [u, 1 - v, 1], [-3 * v + 0.25, 1 - (2 * u + 0.5), 1])
 
 
 def test_a_point_instancer_places_its_prototypes_alone(tmp_path):

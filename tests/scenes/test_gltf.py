@@ -72,6 +72,17 @@ def test_a_vertex_without_weights_is_held_by_its_first_joint(tmp_path):
     np.testing.assert_allclose(mesh.positions, SQUARE + np.array([0, 0, 9]), atol=1e-6)
 
 
+def test_all_eight_joints_hold_a_vertex(tmp_path):
+    file = Builder()
+    first, more = (file.accessor(np.tile(np.uint8([joint, 0, 0, 0]), (4, 1))) for joint in (0, 1))
+    half = [file.accessor(np.tile(np.float32([0.5, 0, 0, 0]), (4, 1))) for _ in range(2)]
+    attributes = {"JOINTS_0": first, "WEIGHTS_0": half[0], "JOINTS_1": more, "WEIGHTS_1": half[1]}
+    number, skin = file.mesh(attributes=attributes, node=False), file.add("skins", {"joints": [1, 2]})
+    file.json["nodes"] = [{"mesh": number, "skin": skin}, {}, {"translation": [0, 0, 8]}]
+    (mesh,) = load(file.save(tmp_path)).meshes
+    np.testing.assert_allclose(mesh.positions, SQUARE + np.array([0, 0, 4]), atol=1e-6)
+
+
 def test_morph_targets_have_the_weights_of_the_node_or_else_of_the_mesh(tmp_path):
     file = Builder()
     steps = [np.tile(np.float32(step), (4, 1)) for step in ([0, 0, 2], [8, 0, 0])]

@@ -225,6 +225,29 @@ def test_extensions_reach_the_record(tmp_path):
     assert "material 'glass': KHR_materials_iridescence is ignored" in scene.warnings
 
 
+@pytest.mark.parametrize("red, expected", [([0, 0], 0.0), ([6, 0], 0.0), ([255, 0], 0.4), ([255, 255], 0.8)])
+def test_a_texture_of_transmission_is_averaged_and_a_black_one_is_opaque(tmp_path, red, expected):
+    file = Builder()
+    texture = file.texture(np.array([[[value, 255, 255] for value in red]] * 2))
+    glass = {"transmissionFactor": 0.8, "transmissionTexture": texture}
+    pbr = {"roughnessFactor": 0.05, "metallicFactor": 0}
+    extensions = {"KHR_materials_transmission": glass}
+    scene = loaded(tmp_path, {"pbrMetallicRoughness": pbr, "extensions": extensions}, file)
+    [material] = scene.materials
+    assert material.transmission == pytest.approx(expected) and material.delta == (expected > 0)
+    flags = scene.mi.shapes()[0].bsdf().flags()
+    assert mi.has_flag(flags, mi.BSDFFlags.GlossyTransmission) == (expected > 0)
+    assert any("transmissionTexture" in line for line in scene.warnings) == (min(red) < 255)
+
+
+def test_colours_of_reflections_that_are_lost_are_told(tmp_path):
+    specular, sheen = {"specularColorFactor": [2, 2, 2]}, {"sheenColorFactor": [1, 0, 0]}
+    extensions = {"KHR_materials_specular": specular, "KHR_materials_sheen": sheen}
+    [first, second] = loaded(tmp_path, {"name": "silk", "extensions": extensions}).warnings
+    assert first == "material 'silk': the colour of its sheen is ignored"
+    assert second == "material 'silk': the colour of its specular reflection is ignored"
+
+
 def test_a_specular_factor_lowers_the_reflectance_at_normal_incidence(tmp_path):
     material = loaded(tmp_path, {"extensions": {"KHR_materials_specular": {"specularFactor": 0.25}}}).materials[0]
     assert ((material.ior - 1) / (material.ior + 1)) ** 2 == pytest.approx(0.25 * 0.04)

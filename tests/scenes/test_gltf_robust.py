@@ -325,3 +325,10 @@ def test_a_deep_chain_of_nodes_is_read(tmp_path):
     file.json["nodes"] = [{"children": [i + 1]} for i in range(20_000)] + [{"mesh": 0, "name": "leaf"}]
     assert load(file.save(tmp_path)).meshes[0].name == "leaf"
     assert "--limit depth=" in refused(tmp_path / "room.glb", depth=1000)
+
+
+def test_a_light_of_an_extension_that_is_not_read_is_told(tmp_path):
+    file = square()
+    file.json["extensionsUsed"] = ["EXT_lights_ies", "KHR_materials_variants"]
+    said = [line for line in load(file.save(tmp_path)).warnings if "extension" in line]
+    assert said == ["the extension 'EXT_lights_ies' is ignored"]
