@@ -169,6 +169,30 @@ def _motion(names: dict[str, np.ndarray], where: Path, asked: str | None) -> tup
     return None, ""
 
 
+def _depth_of(
+    path: Path,
+    names: dict[str, np.ndarray],
+    depth_file: str | Path | None,
+    view: str | None,
+    channel: str | None,
+    range_: tuple[float, float] | None,
+    limits: Limits | None,
+) -> tuple[np.ndarray, str, str]:
+    """Depth [height, width] of a frame with channels ``names``, its name and its kind; of ``depth_file`` if given."""
+    if range_ is not None and (depth_file is None or Path(depth_file).suffix.lower() == ".exr"):
+        raise LensError(
+            "lens: --depth-range is for a PNG of --depth-file; an EXR holds the depths themselves; leave it out, or "
+            "give their unit with --scene-unit"
+        )
+    if depth_file is not None:
+        # The views of a picture such as PNG can only be those of its depth file.
+        return _depth_file(depth_file, channel, range_, limits, view, path.suffix.lower() == ".exr")
+    if not names:
+        raise LensError(f"lens: {path} holds no depth; give one with --depth-file DEPTH.exr or DEPTH.png")
+    depth, name = _depth(names, path, channel)
+    return depth, name, _kind(name)
+
+
 def read(
     path: str | Path,
     view: str | None = None,
@@ -219,20 +243,7 @@ def read(
         height, width = rgba.shape[:2]
         window = display = (0, 0, width, height)
         names, motion, motion_name, colour_name = {}, None, "", path.name
-    if depth_range is not None and (depth_file is None or Path(depth_file).suffix.lower() == ".exr"):
-        raise LensError(
-            "lens: --depth-range is for a PNG of --depth-file; an EXR holds the depths themselves; leave it out, or "
-            "give their unit with --scene-unit"
-        )
-    if depth_file is not None:
-        # The views of a picture such as PNG can only be those of its depth file.
-        one_of_all = path.suffix.lower() == ".exr"
-        depth, depth_name, kind = _depth_file(depth_file, depth_channel, depth_range, limits, view, one_of_all)
-    elif not names:
-        raise LensError(f"lens: {path} holds no depth; give one with --depth-file DEPTH.exr or DEPTH.png")
-    else:
-        depth, depth_name = _depth(names, path, depth_channel)
-        kind = _kind(depth_name)
+    depth, depth_name, kind = _depth_of(path, names, depth_file, view, depth_channel, depth_range, limits)
     if depth.shape != rgba.shape[:2]:
         raise LensError(
             f"lens: depth is {depth.shape[1]}x{depth.shape[0]}, the picture {rgba.shape[1]}x{rgba.shape[0]}"
