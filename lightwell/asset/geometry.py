@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 # Most vertices that 16-bit indices can address; 65535 itself restarts the primitive (glTF 2.0, section 3.7.2.1).
 MAX_SHORT_VERTICES = 65535
+# How far behind its front the back of a surface is written, in diagonals of its mesh.
+BEHIND = 1e-4
 # Near plane of written cameras, metres: closer than any surface that a viewer looks at.
 NEAR_PLANE = 0.01
 # Largest angle that a KHR_lights_punctual cone may have.
@@ -49,6 +52,27 @@ def primitive(mesh: Mesh, material: int, uv_sets: set[int], binary: Binary) -> d
         attributes["COLOR_0"] = binary.add_accessor(np.clip(_finite(mesh, "colors", 4), 0, 1), ARRAY_BUFFER)
     indices = binary.add_accessor(compact_indices(mesh), ELEMENT_ARRAY_BUFFER)
     return {"attributes": attributes, "indices": indices, "material": material}
+
+
+def back_of(mesh: Mesh) -> Mesh:
+    """Make the other side of a mesh, for a surface whose sides differ.
+
+    Args:
+        mesh: Triangle mesh in world space.
+
+    Returns:
+        The mesh turned inside out, a little behind it: when the file is traced again, rays must meet one side first.
+    """
+    indices, places = np.asarray(mesh.indices), _finite(mesh, "positions", 3)
+    if mesh.normals is None:
+        a, b, c = (places[indices[:, k]] for k in range(3))
+        outward = np.zeros_like(places)
+        np.add.at(outward, indices.ravel(), np.cross(b - a, c - a).repeat(3, axis=0))
+    else:
+        outward = _finite(mesh, "normals", 3)
+    behind = places - BEHIND * np.linalg.norm(np.ptp(places, axis=0)) * _unit_rows(outward)
+    normals = None if mesh.normals is None else -mesh.normals
+    return replace(mesh, positions=behind.astype(np.float32), indices=indices[:, ::-1], normals=normals)
 
 
 def _finite(mesh: Mesh, name: str, width: int) -> np.ndarray:

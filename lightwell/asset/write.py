@@ -158,18 +158,29 @@ def _add_surfaces(document: dict[str, Any], scene: Scene, binary: Binary) -> dic
     """Meshes with their materials, one node each in world space; returns the written materials of each of the scene."""
     table = MaterialTable(binary)
     index_of: dict[tuple[int, tuple[float, ...]], int] = {}
+
+    def written(number: int, material: Material) -> int:
+        key = (number, material.emissive)
+        if key not in index_of:
+            index_of[key] = table.add(material)
+        return index_of[key]
+
     meshes: list[dict[str, Any]] = []
     nodes: list[dict[str, Any]] = []
     for mesh in scene.meshes:
         if not len(mesh.indices):
             continue
         material = _lit_material(scene.materials[mesh.material], mesh)
-        key = (mesh.material, material.emissive)
-        if key not in index_of:
-            index_of[key] = table.add(material)
-        entry = geometry.primitive(mesh, index_of[key], uv_sets(material), binary)
+        # A material of glTF emits on all sides that are shown.
+        two = material.dark_back and material.double_sided and max(material.emissive) > 0
+        front = replace(material, double_sided=False) if two else material
+        primitives = [geometry.primitive(mesh, written(mesh.material, front), uv_sets(front), binary)]
+        if two:
+            back = replace(front, name=f"{front.name}, back", emissive=(0.0, 0.0, 0.0), emissive_texture=None)
+            number = written(mesh.material, back)
+            primitives.append(geometry.primitive(geometry.back_of(mesh), number, uv_sets(back), binary))
         nodes.append({"mesh": len(meshes), "name": mesh.name})
-        meshes.append({"name": mesh.name, "primitives": [entry]})
+        meshes.append({"name": mesh.name, "primitives": primitives})
     if not meshes:
         raise ValueError(f"asset: scene '{scene.name}' has no triangle; nothing can be written")
     document["meshes"], document["nodes"] = meshes, nodes

@@ -183,7 +183,8 @@ class _Reader:
             material = self._records.read(bsdf)
             if light is not None:
                 name = f"{material.name} (light)"
-                material = replace(material, name=name, emissive=emissive, emissive_texture=texture)
+                emission = {"emissive": emissive, "emissive_texture": texture, "dark_back": True}
+                material = replace(material, name=name, **emission)
             if material.approximate:
                 self.warnings.append(f"material '{material.name}': shown approximately: {material.approximate}")
             self.materials.append(material)

@@ -99,6 +99,8 @@ class Material:
     emissive: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Emitted radiance, strength included."""
     emissive_texture: Texture | None = None
+    dark_back: bool = False
+    """The back emits nothing, whatever ``double_sided`` says: an area emitter of Mitsuba."""
     alpha_mode: AlphaMode = "OPAQUE"
     alpha_cutoff: float = 0.5
     double_sided: bool = False

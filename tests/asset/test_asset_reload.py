@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lightwell.asset import read_fields, write_glb
+from lightwell.backend import mi
 from lightwell.scenes import load
 from lightwell.scenes.scene import Texture
 
@@ -81,3 +82,23 @@ def test_an_asset_can_be_baked_again(tmp_path, again, entry, variable):
     path = tmp_path / "again.glb"
     write_glb(path, replace(again), [entry], [variable])
     assert read_fields(path)[1] == [variable]
+
+
+@pytest.mark.parametrize("normals", (True, False))
+def test_the_back_of_a_lamp_of_mitsuba_stays_dark(tmp_path, entry, variable, normals):
+    (tmp_path / "lamp.xml").write_text(
+        """<scene version="3.0.0"><shape type="rectangle"><bsdf type="twosided"><bsdf type="diffuse"/></bsdf>
+        <emitter type="area"><rgb name="radiance" value="7 2 1"/></emitter></shape></scene>"""
+    )
+    scene = load(tmp_path / "lamp.xml")
+    if not normals:
+        scene = replace(scene, meshes=[replace(mesh, normals=None) for mesh in scene.meshes])
+    write_glb(tmp_path / "lamp.glb", scene, [entry], [variable])
+    again = load(tmp_path / "lamp.glb")
+    for traced in (scene.mi, again.mi):
+        towards = mi.Ray3f(mi.Point3f(0.1, 0.2, [3, -3]), mi.Vector3f(0, 0, [-1, 1]))
+        hit = traced.ray_intersect(towards)
+        seen = hit.emitter(traced).eval(hit)
+        np.testing.assert_allclose(np.array(seen).T, [[7, 2, 1], [0, 0, 0]], rtol=1e-5)
+    # A viewer that culls backs shows each side with a material of its own.
+    assert [(m.double_sided, max(m.emissive)) for m in again.materials] == [(False, 7), (False, 0)]

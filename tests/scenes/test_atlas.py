@@ -159,6 +159,16 @@ def test_the_meshes_of_a_double_sided_sheet_are_culled_and_the_rest_is_not():
     assert made.materials[0].double_sided and len(made.materials) == 2
 
 
+def test_the_back_of_a_lamp_whose_back_is_dark_does_not_emit():
+    scene = scene_of(quads()[:1])
+    lamp = replace(scene.materials[0], emissive=(5.0, 5.0, 5.0), double_sided=True, dark_back=True)
+    scene = replace(scene, materials=[lamp], meshes=[replace(scene.meshes[0], emission=(5.0, 5.0, 5.0))])
+    made = charted(scene, build(scene, SIZE, np.ones((2, 2), bool), mips=1))
+    found = {mesh.name: (mesh.emission, made.materials[mesh.material].emissive) for mesh in made.meshes}
+    dark = (0.0, 0.0, 0.0)
+    assert found == {"floor": ((5.0, 5.0, 5.0), (5.0, 5.0, 5.0)), "floor (back)": (dark, dark)}
+
+
 def test_triangles_that_are_not_stored_read_the_nearest_that_is():
     scene = scene_of(quads())
     sides = fronts(scene)
