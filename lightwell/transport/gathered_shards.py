@@ -7,6 +7,8 @@ shadows, and the rays of a point rarely meet that spot. The table holds what was
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -16,10 +18,18 @@ from lightwell.scenes.variables import PointLight, Variable, has_sky
 from lightwell.transport.adaptive import PairChoice, Predict, residual_density
 from lightwell.transport.day_light import day_light
 from lightwell.transport.gather_sums import Gather
+from lightwell.transport.light_vertices import SharedLamps
 from lightwell.transport.queries import frames, make_query
 from lightwell.transport.radiance import first_reflection
 from lightwell.transport.samples import Query, Samples, columns_of
-from lightwell.transport.seen_shards import ADAPTIVE_STREAM, SeenShards, path_counts, place_columns, without_spikes
+from lightwell.transport.seen_shards import (
+    ADAPTIVE_STREAM,
+    PATHS_OF_EACH,
+    SeenShards,
+    path_counts,
+    place_columns,
+    without_spikes,
+)
 from lightwell.transport.shards import LightsFn, Make, ShardSettings, default_lights, shard_seeds
 
 # Times of a day whose sky is kept, in colours: fewer than lights, because they lie on one line.
@@ -27,6 +37,10 @@ MOST_TIMES = 512
 # The residual is measured on at most this many of the known samples: the fit was trained on them, but a network of a
 # few thousand weights cannot memorise them.
 MOST_JUDGED = 1 << 18
+
+
+# Random stream of the light rays of all lamps.
+LIGHT_RAYS = 0x4C
 
 
 class GatheredShards(SeenShards):
@@ -39,6 +53,25 @@ class GatheredShards(SeenShards):
     def paths(self) -> int:
         """Paths of a sample of its own, of a lamp; else the rays that all samples of its point share."""
         return self._size.paths if self._traces_first else super().paths
+
+    @property
+    def has_paths(self) -> bool:
+        """Whether samples have paths of their own."""
+        return self._traces_first
+
+    def with_paths(self, paths: int) -> GatheredShards:
+        """Return a maker of the same shards whose samples have another number of paths.
+
+        Args:
+            paths: Paths that a sample is asked to have, even, ≥ 2.
+
+        Returns:
+            The maker; it shares what was traced before.
+        """
+        other = copy(self)
+        other._settings = replace(self._settings, paths=paths)
+        other._size = replace(self._size, paths=min(self._size.paths, 1) * PATHS_OF_EACH * paths)
+        return other
 
     @cached_property
     def lights(self) -> np.ndarray:
@@ -122,11 +155,13 @@ class GatheredShards(SeenShards):
     ) -> tuple[dict, dict]:
         """Columns and counts of a shard of pairs, by index."""
         columns = {name: values[point] for name, values in columns_of(self._query).items()}
-        half_a, half_b = self._gather(point, light)
+        run = self._settings.points_per_light
+        half_a, half_b = without_spikes(*self._gather(point, light), run)
         if self._traces_first:
             each, lit = self._size.paths, (self.points[point], self.lights[light])
-            first = first_reflection(self._scene, *lit, self._variable, each, seed)
-            first = without_spikes(*first, self._settings.points_per_light)
+            shared = SharedLamps(self.lights, light.astype(np.uint32), int(self._seeds[3]) ^ LIGHT_RAYS)
+            first = first_reflection(self._scene, *lit, self._variable, each, seed, shared)
+            first = without_spikes(*first, run)
             half_a, half_b = half_a + first[0], half_b + first[1]
             paths += each * len(point)
         columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b}

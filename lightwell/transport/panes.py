@@ -124,7 +124,7 @@ def _unblocked(scene, panes, ray, active, delta):
 
 def first_stop(
     scene: mi.Scene, panes: Panes | None, ray: mi.Ray3f, rng: mi.PCG32
-) -> tuple[mi.SurfaceInteraction3f, mi.Spectrum, mi.Float]:
+) -> tuple[tuple[mi.SurfaceInteraction3f, mi.Spectrum, mi.Float], mi.Ray3f]:
     """Follow rays from a light to the surface where they end; at each pane they go on by chance.
 
     Args:
@@ -134,10 +134,11 @@ def first_stop(
         rng: [N] random streams; not used without panes.
 
     Returns:
-        [N] where they end, the transmittance on the way there, and the chance that they go through it and end there.
+        [N] where they end, the transmittance on the way there, and the chance that they go through it and end there;
+        and the rays from the last pane on.
     """
     if panes is None:
-        return scene.ray_intersect(ray), mi.Spectrum(1), mi.Float(1)
+        return (scene.ray_intersect(ray), mi.Spectrum(1), mi.Float(1)), ray
     return _first_stop(scene, panes, ray, rng)
 
 
@@ -152,9 +153,9 @@ def _first_stop(scene, panes, ray, rng):
         goes = active & (rng.next_float32() < chance)
         T = dr.select(goes, T * here, T)
         q = dr.select(active, q * dr.select(goes, chance, 1 - chance), q)
-        ray = si.spawn_ray(ray.d)
+        ray = dr.select(goes, si.spawn_ray(ray.d), ray)
         behind = scene.ray_intersect(ray, mi.RayFlags.All, False, goes)
         si = dr.select(goes, behind, si)
         active = goes & si.is_valid()
         passed += 1
-    return si, T, q
+    return (si, T, q), ray

@@ -19,7 +19,6 @@ from __future__ import annotations
 from lightwell.backend import dr, mi
 from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import own_eval_pdf, own_sample
-from lightwell.transport.panes import first_stop
 from lightwell.transport.path_numbers import next_2d
 from lightwell.transport.path_state import PathState, aim_at_light, is_delta, power_heuristic
 from lightwell.transport.sources import Source
@@ -139,8 +138,8 @@ def _first_vertex(scene, si, source, rng, first, max_depth, include_direct, conn
     if include_direct or source.first_hit:
         L += _direct(scene, si, bsdf, source, rng, see_through, include_direct)
     if source.emits and connections > 0:
-        z = first_stop(scene, source.panes, source.emit(light), rng)
-        L += _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), see_through)
+        z, factor = source.vertex(scene, si, light, rng)
+        L += factor * _connect(scene, si, bsdf, source, z, mi.Bool(max_depth > 2), see_through)
     if see_through:
         sample, β = bsdf.sample(mi.BSDFContext(), si, lobe, direction)
     else:
@@ -168,7 +167,7 @@ def _next_vertex(scene, si, bsdf, source, rng, active, rays):
     if rays is not None:
         both, by_bsdf = rays
         stops = light.chance if source.panes is None else light.chance * (1 - source.panes.passes(si, active)[1])
-        mis = dr.select(both, power_heuristic(by_bsdf, _light_density(source, si) * stops), 1)
+        mis = dr.select(both, power_heuristic(by_bsdf, source.often * _light_density(source, si) * stops), 1)
     return dr.select(light.seen, mis * value * light.weight, 0), sample, weight
 
 
@@ -195,7 +194,7 @@ def _connect(scene, si, bsdf, source, z, active, see_through=True) -> mi.Spectru
     active &= ~scene.ray_test(si.spawn_ray_to(z.p), active)
     value, pdf = _value(si, bsdf, direction, active, see_through)
     reflected = z.bsdf().eval(ctx, z, z.to_local(to_light), active) / dr.squared_norm(source.position - z.p)
-    mis = power_heuristic(density, pdf * cosine / distance2)
+    mis = power_heuristic(source.often * density, pdf * cosine / distance2)
     return dr.select(active, mis * value * reflected * T * cosine / (distance2 * density), 0)
 
 

@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from lightwell.backend import dr, mi
+from lightwell.backend import dr, mi, upload_integers
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to_json
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
+from lightwell.transport.light_vertices import SharedLamps, light_vertices
 from lightwell.transport.moved import by_pose
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
@@ -24,7 +25,7 @@ from lightwell.transport.path_settings import PathReport as PathReport
 from lightwell.transport.path_settings import PathSettings
 from lightwell.transport.paths import CONNECTIONS, DIRECT_DEPTH, FIRST_DEPTH, MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.samples import SurfacePoints, columns_of
-from lightwell.transport.sources import Emitters, declared
+from lightwell.transport.sources import Emitters, PointEmitter, declared
 from lightwell.transport.tables import tables
 
 
@@ -70,7 +71,13 @@ def indirect(
 
 
 def first_reflection(
-    scene: Scene, points: SurfacePoints, light: np.ndarray, variable: Variable, paths: int, seed: int
+    scene: Scene,
+    points: SurfacePoints,
+    light: np.ndarray,
+    variable: Variable,
+    paths: int,
+    seed: int,
+    lamps: SharedLamps | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace the part of the indirect radiance that surfaces reflect which the light reaches in a straight line.
 
@@ -84,12 +91,14 @@ def first_reflection(
         variable: What the declared light is.
         paths: Paths per point, even, ≥ 2; each half gets ``paths / 2``.
         seed: Seed of the paths.
+        lamps: The places of a point light that many points share, whose light rays then serve all of them.
 
     Returns:
-        Two independent means, [N, 3] float32 each; NaN where no path of a half is finite.
+        Two independent means, [N, 3] float32 each; NaN where no path of a half is finite. Halves of points under the
+        same lamp share light rays.
     """
     limits = PathSettings(paths, seed, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True)
-    return _traced(scene, points, limits, variable, np.asarray(light, np.float32), None)
+    return _traced(scene, points, limits, variable, np.asarray(light, np.float32), None, lamps=lamps)
 
 
 def direct(
@@ -171,6 +180,7 @@ def _traced(
     light: np.ndarray | None,
     report: PathReport | None,
     recipe: Recipe | None = None,
+    lamps: SharedLamps | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both half means of all points, in this process or by the executor of the scene; of each pose by itself."""
     if scene.movers:
@@ -183,11 +193,13 @@ def _traced(
     if paths < 2 or paths % 2:
         raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
     if scene.executor is None:
-        means, good = _means(scene, points, limits, variable, light)
+        means, good = _means(scene, points, limits, variable, light, lamps=lamps)
     else:
         settings = {"limits": asdict(limits), "variable": None if variable is None else to_json(variable)}
-        columns = columns_of(points) | ({} if light is None else {"light": light})
-        found = scene.executor.rows("radiance", settings, columns, paths, recipe=recipe)
+        columns, shared = columns_of(points) | ({} if light is None else {"light": light}), None
+        if lamps is not None:
+            settings["lamp_seed"], columns["lamp"], shared = lamps.seed, lamps.index, {"places": lamps.places}
+        found = scene.executor.rows("radiance", settings, columns, paths, shared, recipe=recipe)
         means, good = found["means"], found["good"]
     if report is not None:
         report.paths += len(points) * paths
@@ -201,17 +213,21 @@ def radiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fi
 
     Args:
         scene: Scene to trace.
-        settings: ``limits`` and ``variable`` (None: the scene's own emitters).
-        columns: Columns of ``SurfacePoints`` and, with a variable, ``light`` [N, 3].
+        settings: ``limits``, ``variable`` (None: the scene's own emitters) and, with shared lamps, ``lamp_seed``.
+        columns: Columns of ``SurfacePoints`` and, with a variable, ``light`` [N, 3]; with shared lamps, ``lamp`` [N].
         first: Number of the first row.
-        shared: Not used.
+        shared: With shared lamps, their ``places`` [L, 3].
 
     Returns:
         ``means`` [N, 2, 3] and ``good`` [N, 2], the counts of finite paths.
     """
     points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
     variable = None if settings["variable"] is None else from_json(settings["variable"])
-    means, good = _means(scene, points, PathSettings(**settings["limits"]), variable, columns.get("light"), first)
+    lamps = None
+    if "lamp_seed" in settings:
+        lamps = SharedLamps(shared["places"], columns["lamp"], settings["lamp_seed"])
+    limits = PathSettings(**settings["limits"])
+    means, good = _means(scene, points, limits, variable, columns.get("light"), first, lamps)
     return {"means": means, "good": good}
 
 
@@ -222,15 +238,21 @@ def _means(
     variable: Variable | None,
     light: np.ndarray | None,
     first: int = 0,
+    lamps: SharedLamps | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both half means of points [N, 2, 3] and counts of finite paths [N, 2], launch by launch."""
     tables(scene)
     positions = None if light is None else upload(mi.Vector3f, light)
+    vertices = None if lamps is None else light_vertices(scene, lamps.places, lamps.seed)
+    lamp = None if lamps is None else upload_integers(lamps.index)
 
-    def source(row):
+    def source(row, half):
         if positions is None:
             return Emitters.of(scene)
-        return declared(variable, dr.gather(mi.Vector3f, positions, row), scene)
+        made = declared(variable, dr.gather(mi.Vector3f, positions, row), scene)
+        if isinstance(made, PointEmitter) and vertices is not None:
+            made.vertices, made.group = vertices, 2 * dr.gather(mi.UInt32, lamp, row) + half
+        return made
 
     half = limits.paths // 2
     device = DevicePoints(points)
@@ -268,7 +290,7 @@ def _launch(scene, device, source, settings, span, limits):
     first = stratified(shift, path, half)
     depths = (max_depth, rr_depth)
     way = (limits.include_direct, limits.connections, False, limits.max_depth == DIRECT_DEPTH, limits.past_mirrors)
-    L = trace(scene.mi, si, source(row), rng, first, *depths, *way)
+    L = trace(scene.mi, si, source(row, group & 1), rng, first, *depths, *way)
     ok = dr.all(dr.isfinite(L))
     L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
     # Evaluated together and now: block_sum evaluates each of its arguments alone and would trace the paths four times.

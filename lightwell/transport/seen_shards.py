@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import ceil
 from time import perf_counter
 from typing import Any
@@ -182,7 +182,9 @@ class SeenShards:
         Returns:
             Points and their rays.
         """
-        arguments = (self._looked, self._sky, self._settings.seed, self._floor, self._size)
+        # Paths of single samples are traced later.
+        size = replace(self._size, paths=0)
+        arguments = (self._looked, self._sky, self._settings.seed, self._floor, size)
         return self._scene.cache.get(SEEN, self._traced, arguments)
 
     @property

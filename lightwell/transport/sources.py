@@ -23,7 +23,8 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Turning, Variable, has_sky
 from lightwell.transport.emitter_table import EmitterTable, emitter_table
-from lightwell.transport.panes import Panes, panes_of
+from lightwell.transport.light_vertices import OFTEN, LightVertices
+from lightwell.transport.panes import Panes, first_stop, panes_of
 from lightwell.transport.resampling import candidates, chosen, nominal
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.turned_source import TurnedEmitter
@@ -38,6 +39,10 @@ class PointEmitter:
 
     position: mi.Point3f
     panes: Panes | None = None
+    vertices: LightVertices | None = None
+    """Ends of the light rays of several lamps, which all paths share; None: each path has a light ray of its own."""
+    group: mi.UInt32 | None = None
+    """Number of the lamp among them, times 2, plus that of the half of the paths."""
     hits = False  # a ray cannot find it
     emits = True  # it can send a ray
     first_hit = False  # its direct light is the rasteriser's, without exception
@@ -52,6 +57,29 @@ class PointEmitter:
             One ray per lane.
         """
         return mi.Ray3f(self.position, mi.warp.square_to_uniform_sphere(u))
+
+    @property
+    def often(self) -> float:
+        """How many light rays the one of a path counts as in weights against BSDF sampling."""
+        return 1.0 if self.vertices is None else OFTEN
+
+    def vertex(
+        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, rng: mi.PCG32
+    ) -> tuple[tuple[Any, Any, Any], Any]:
+        """Find the end of a light ray to which paths are connected.
+
+        Args:
+            scene: Mitsuba scene.
+            si: Surface interactions where the paths start.
+            u: 2D points in [0, 1)².
+            rng: Random streams.
+
+        Returns:
+            Where it ends, the transmittance on the way and the chance that it does; what it is multiplied by.
+        """
+        if self.vertices is None or self.group is None:
+            return first_stop(scene, self.panes, self.emit(u), rng)[0], 1.0
+        return self.vertices.choose(si, self.position, self.group, u.x, rng)
 
     def sample(self, scene: mi.Scene, si: mi.SurfaceInteraction3f, u: mi.Point2f, active: mi.Bool) -> LightSample:
         """Sample the direction to the light; the irradiance at normal incidence is 1 / distance².

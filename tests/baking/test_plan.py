@@ -25,6 +25,7 @@ from lightwell.fields.surface.plan import (
     FEWEST_STEPS,
     MOST_GATHERED,
     MOST_SHARDS,
+    MOST_TIMES,
     TRACE_SHARE,
     LastPlan,
     SamplePlan,
@@ -32,6 +33,7 @@ from lightwell.fields.surface.plan import (
     load_plan,
     plan_gather,
     plan_last,
+    plan_paths,
     plan_samples,
     plan_steps,
     save_plan,
@@ -62,10 +64,10 @@ def test_a_plan_has_no_more_shards_than_hold_something_new(most, expected):
 
 
 def test_a_plan_spends_the_time_that_is_left():
-    samples = plan_samples(100, 1.0, 4.0, None, shared=False)
-    traced = samples.shards + 4.0 * samples.adaptive_shards
+    samples = plan_samples(100, 1.5, 4.0, None, shared=False)
+    traced = 1.5 * samples.shards + 4.0 * samples.adaptive_shards
     steps = plan_steps(100 - traced, 0.02, None)
-    assert 0.85 * TRACE_SHARE * 100 <= traced <= TRACE_SHARE * 100 + 1 and 95 <= traced + 0.02 * steps.steps <= 101
+    assert 0.85 * TRACE_SHARE * 100 <= traced <= TRACE_SHARE * 100 + 2 and 95 <= traced + 0.02 * steps.steps <= 101
     assert 0 < samples.adaptive_shards < samples.shards and 0 < steps.first_steps < steps.steps
 
 
@@ -85,6 +87,13 @@ def test_a_fast_machine_is_bounded_by_memory():
     samples = plan_samples(10_000, 0.1, 0.4, None, shared=False)
     assert samples.shards + samples.adaptive_shards == MOST_SHARDS
     assert plan_gather(10_000, 1e7, 1 << 14, 64) == MOST_GATHERED
+
+
+def test_samples_have_more_paths_where_shards_are_cheap():
+    dear, fair, cheap = (plan_paths(100, cost) for cost in (2.0, 0.4, 0.001))
+    assert (dear, fair, cheap) == (1, int(TRACE_SHARE * 100 / (MOST_SHARDS * 0.4)), MOST_TIMES)
+    # They take the time of tracing, and no more of it.
+    assert MOST_SHARDS * 0.4 * fair <= TRACE_SHARE * 100 and plan_paths(-5, 1.0) == 1
 
 
 def test_less_is_gathered_where_time_is_short():
@@ -125,13 +134,13 @@ def test_the_shares_of_the_wall_time_add_up():
 
 
 def test_the_estimate_names_the_stages():
-    assert estimate(Budget(180)) == "about 3 min: 55 s tracing, 65 s training, 65 s scoring"
+    assert estimate(Budget(180)) == "about 3 min: 60 s tracing, 60 s training, 65 s scoring"
     assert estimate(Budget(1200)).startswith("about 20 min: ")
     assert estimate(Budget(None, 0.05)) == ""
 
 
 def test_the_reference_takes_what_is_left():
-    assert reference_seconds(45) == pytest.approx(23.1)
+    assert reference_seconds(45) == pytest.approx(26.4)
     assert reference_seconds(-100) == 4.0
     few, many = (ReferenceBudget.within(seconds, 3e5, 4 * 224 * 140) for seconds in (5, 50))
     assert few.pixel_paths < many.pixel_paths and few.point_paths < many.point_paths

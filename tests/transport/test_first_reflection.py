@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from lightwell.scenes.variables import PointLight
+from lightwell.scenes.scene import Scene
+from lightwell.scenes.variables import PointLight, to_json
 from lightwell.transport.gathered_shards import GatheredShards
+from lightwell.transport.light_vertices import SharedLamps
+from lightwell.transport.path_settings import PathSettings
+from lightwell.transport.paths import FIRST_DEPTH, RR_DEPTH
 from lightwell.transport.queries import frames
-from lightwell.transport.radiance import first_reflection, indirect
+from lightwell.transport.radiance import first_reflection, indirect, radiance_rows
 from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.samples import columns_of
 from lightwell.transport.seen_shards import GatherSize, without_spikes
 from lightwell.transport.shards import ShardSettings
 from lightwell.transport.surface import draw_surface
@@ -37,6 +42,64 @@ def test_without_mirrors_it_is_the_light_of_paths_of_two_segments(cornell):
     truth = estimate(lambda p: indirect(cornell, p, place, LIGHT, 128, 4, max_depth=3), points)
     passed, text = z_test(found - truth)
     assert passed, text
+
+
+def by_shared_rays(scene, points, place, groups: int, seed: int, moved: float = 0.0):
+    """Means and variances of points by groups of paths; each group has a lamp of its own in the same place."""
+    index = np.tile(np.arange(groups), len(points))
+    lamps = SharedLamps(np.tile(np.float32([place]) + np.float32(moved), (groups, 1)), index, seed)
+    light = np.tile(np.float32([place]), (len(index), 1))
+    return estimate(lambda p: first_reflection(scene, p, light, LIGHT, 64, seed, lamps), points, groups)
+
+
+def with_pane(_: Scene) -> Scene:
+    """The room with a pane of glass before the lamp."""
+    glass = {"type": "thindielectric"}
+    walls = [*rooms.room_walls(), rooms.quad("pane", (-0.6, 0.6, -0.5), (0, 0.8, 0), (0, 0, 0.9))]
+    return rooms.build("pane", walls, [rooms.diffuse(rooms.WHITE)] * 5 + [glass])
+
+
+@pytest.mark.parametrize("scene_of", [lambda cornell: cornell, with_pane], ids=["room", "pane"])
+def test_shared_light_rays_bring_the_same_light(cornell, scene_of):
+    scene = scene_of(cornell)
+    points = draw_surface(scene, 48, 1, floor=2).points
+    found = by_shared_rays(scene, points, NEAR_A_WALL, 32, 3)
+    place = np.tile(np.float32([NEAR_A_WALL]), (32 * len(points), 1))
+    truth = estimate(lambda p: first_reflection(scene, p, place, LIGHT, 256, 4), points)
+    passed, text = z_test(found - truth)
+    assert passed, text
+    # Light rays of another place are caught.
+    assert not z_test(by_shared_rays(scene, points, NEAR_A_WALL, 32, 3, moved=0.1) - truth)[0]
+
+
+def test_shared_light_rays_find_what_others_do_not():
+    # A lamp high above the ground: of its own light rays hardly any meets the box that lights the ground beside it.
+    ground = rooms.quad("ground", (-20, 0, -20), (0, 0, 40), (40, 0, 0))
+    box = [rooms.quad(f"box {x}", (x, 0, 0), (0, 0, 1), (0, 1, 0)) for x in (-9.0, 0.0, 9.0)]
+    scene = rooms.build("open", [ground, *box], [rooms.diffuse(rooms.WHITE)] * 4)
+    points = draw_surface(scene, 4096, 1).points
+    points = points[np.flatnonzero(points.shape == 0)[:512]]
+    place = np.float32([0.5, 3.0, 0.5])
+    light, index = np.tile(place, (len(points), 1)), np.arange(len(points))
+    lamps = SharedLamps(light, index, 5)
+    truth = np.mean(first_reflection(scene, points, light, LIGHT, 4096, 6), axis=0)
+    error = lambda pair: float(np.mean((np.mean(pair, axis=0) - truth) ** 2))  # noqa: E731
+    own = error(first_reflection(scene, points, light, LIGHT, 32, 7))
+    assert error(first_reflection(scene, points, light, LIGHT, 32, 7, lamps)) < 0.6 * own
+
+
+def test_rows_of_shared_lamps_do_not_depend_on_how_work_is_divided(cornell):
+    points = draw_surface(cornell, 64, 1).points
+    places = np.float32([NEAR_A_WALL, (0.3, 1.2, 0.1)])
+    index = np.arange(len(points)) % 2
+    whole = first_reflection(cornell, points, places[index], LIGHT, 8, 3, SharedLamps(places, index, 9))
+    settings = {"limits": asdict(PathSettings(8, 3, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True))}
+    settings |= {"variable": to_json(LIGHT), "lamp_seed": 9}
+    part = slice(20, 50)
+    columns = columns_of(points[part]) | {"light": places[index[part]], "lamp": index[part]}
+    found = radiance_rows(cornell, settings, columns, 20, {"places": places})["means"]
+    np.testing.assert_array_equal(found[:, 0], whole[0][part])
+    np.testing.assert_array_equal(found[:, 1], whole[1][part])
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.05])

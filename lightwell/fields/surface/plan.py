@@ -21,7 +21,7 @@ from lightwell.core.work import WorkPart
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
 # Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards.
-GATHER_SHARE, TRACE_SHARE = 0.4, 0.4
+GATHER_SHARE, TRACE_SHARE = 0.4, 0.5
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
@@ -46,6 +46,8 @@ NOMINAL_STEPS = 1 << 16
 # More shards than these hold little that is new (24 to 72: +0.1 dB at equal steps), and the time in which they are
 # taken up is worth more steps; with 90 features 64 of them are 1.5 GB.
 MOST_SHARDS = 32
+# Where so many shards take less than their time, samples have up to so many times the paths.
+MOST_TIMES = 8
 # Most of the time left after the first steps that adaptive shards may take.
 LAST_TRACE_SHARE = 0.5
 
@@ -77,6 +79,8 @@ class SamplePlan:
     adaptive_shards: int
     seconds_per_shard: float = 0.0
     seconds_per_adaptive: float = 0.0
+    times: int = 1
+    """As many times the paths of a sample as it is asked to have."""
 
     def within(self, most: int | None) -> SamplePlan:
         """Return the plan with at most so many shards, of which none is adaptive where the limit is reached.
@@ -171,6 +175,20 @@ def plan_samples(
     shards = min(max(shards, FEWEST_SHARDS), MOST_SHARDS - adaptive)
     # Few shards do not deserve an adaptive stage of their own size.
     return SamplePlan(shards, min(adaptive, shards), **costs)
+
+
+def plan_paths(seconds: float, seconds_per_shard: float) -> int:
+    """Plan the paths of a sample where the time buys more shards than hold something new.
+
+    Args:
+        seconds: Time left for tracing and training.
+        seconds_per_shard: Measured time of a shard whose samples have as many paths as they are asked to have.
+
+    Returns:
+        How many times as many they get.
+    """
+    affordable = TRACE_SHARE * seconds / max(MOST_SHARDS * seconds_per_shard, 1e-6)
+    return int(np.clip(affordable, 1, MOST_TIMES))
 
 
 def timed_step(

@@ -28,6 +28,7 @@ from lightwell.fields.surface.plan import (
     load_plan,
     plan_gather,
     plan_last,
+    plan_paths,
     plan_samples,
     plan_steps,
     save_plan,
@@ -100,7 +101,9 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
         start = kept_plan(part, StartPlan, partial(_start_plan, state, role))
     make = _maker(state, role, start)
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
-    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}")
+    if isinstance(make, GatheredShards):
+        make = make.with_paths(_shards(state, plan.times).paths)
+    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}", plan.times)
     validation = _validation(state, role, start)
     light = None if role == "static" else state.variable
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained, make.paths)
@@ -142,10 +145,17 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
         return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-    cost = _trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard
+    cost = max(_trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard, 1e-3)
+    left = start.end - state.job.work.elapsed
+    times = plan_paths(left, cost) if isinstance(make, GatheredShards) and make.has_paths else 1
+    if times == 1:
+        # Those that were timed are there already.
+        left += TIMED_SHARDS * cost
+    else:
+        shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     # Adaptive shards are gathered as the others are.
-    cost, left = max(cost, 1e-3), start.end - state.job.work.elapsed
-    return plan_samples(left, cost, cost, None, state.job.shared).within(make.most)
+    plan = plan_samples(left, times * cost, times * cost, None, state.job.shared)
+    return replace(plan, times=times).within(make.most)
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
@@ -159,14 +169,14 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     return kind(state.scene, looked_from(state), shards, size, state.looked)
 
 
-def _shards(state: State) -> ShardSettings:
+def _shards(state: State, times: int = 1) -> ShardSettings:
     request = state.job.request
-    return ShardSettings(paths=request.paths, seed=request.seed, lights=request.lights_per_shard)
+    return ShardSettings(paths=times * request.paths, seed=request.seed, lights=request.lights_per_shard)
 
 
-def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str) -> TracedShards:
+def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str, times: int = 1) -> TracedShards:
     """Write the shards that are missing and read them all."""
-    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state)
+    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, times)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
         return trace_shards(state.scene, looked_from(state), shards, folder, count, make, stage)
 
@@ -363,7 +373,7 @@ class SurfaceTraining:
         """Samples where the squared residual of the fit so far is large."""
         make = self.samples.make.adaptive(self.samples.training, learner.predict)
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
-        traced = _trace(self.state, self.role, "adaptive", count, make, title)
+        traced = _trace(self.state, self.role, "adaptive", count, make, title, self._sample_plan.times)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
         return to_learn(traced.samples, self.role, self.samples.unit)
 
