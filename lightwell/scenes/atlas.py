@@ -289,8 +289,8 @@ def charted(scene: Scene, atlas: Atlas) -> Scene:
         meshes.append(_charted(sheet, mesh.indices[kept], front[kept], mesh.name))
         turned = mesh.indices[twice][:, ::-1]
         if material.dark_back:
-            dark = {"emissive": (0.0, 0.0, 0.0), "emissive_texture": None, "double_sided": False}
-            materials.append(replace(material, name=f"{material.name}, back", **dark))
+            dark = replace(material, emissive=(0.0, 0.0, 0.0), emissive_texture=None, double_sided=False)
+            materials.append(replace(dark, name=f"{material.name}, back"))
             sheet = replace(sheet, material=len(materials) - 1, emission=(0.0, 0.0, 0.0))
         back = _charted(sheet, turned, atlas.uv[1, rows][twice][:, ::-1], f"{mesh.name} (back)")
         meshes.append(replace(back, normals=None if back.normals is None else -back.normals))

@@ -183,8 +183,7 @@ class _Reader:
             material = self._records.read(bsdf)
             if light is not None:
                 name = f"{material.name} (light)"
-                emission = {"emissive": emissive, "emissive_texture": texture, "dark_back": True}
-                material = replace(material, name=name, **emission)
+                material = replace(material, name=name, emissive=emissive, emissive_texture=texture, dark_back=True)
             if material.approximate:
                 self.warnings.append(f"material '{material.name}': shown approximately: {material.approximate}")
             self.materials.append(material)
