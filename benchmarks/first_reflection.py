@@ -51,7 +51,7 @@ def measure(scene: Scene, seed: int = 0) -> Noise:
     variable = declare((), scene)
     lamps = sample_lights(scene, variable, LAMPS, seed)
     index = np.arange(LAMPS, dtype=np.uint32).repeat(POINTS_PER_LAMP)
-    points = draw_seen(scene, variable, len(index), seed).points
+    points = draw_seen(scene, variable, len(index), seed, floor=1).points
     points = points[np.random.default_rng(seed).permutation(len(points))[: len(index)]]
     index = index[: len(points)]
     reflectance = make_query(scene, points, np.zeros(3, np.float32)).reflectance
