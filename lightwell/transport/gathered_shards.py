@@ -52,12 +52,7 @@ class GatheredShards(SeenShards):
     @property
     def paths(self) -> int:
         """Paths of a sample of its own, of a lamp; else the rays that all samples of its point share."""
-        return self._size.paths if self._traces_first else super().paths
-
-    @property
-    def has_paths(self) -> bool:
-        """Whether samples have paths of their own."""
-        return self._traces_first
+        return self._size.paths if self.traces_first else super().paths
 
     def with_paths(self, paths: int) -> GatheredShards:
         """Return a maker of the same shards whose samples have another number of paths.
@@ -86,14 +81,18 @@ class GatheredShards(SeenShards):
     @cached_property
     def _gather(self) -> Gather:
         seen, seed, variable = self.seen, int(self._seeds[3]), self._variable
-        if self._traces_first:
+        if self.traces_first:
             return Gather(seen.rows, seen.radiosity.indirect(seen.radiosity.direct(variable, self.lights, seed)))
         light = partial(day_light, seen.radiosity) if has_sky(variable) else seen.radiosity.light
         return Gather(seen.rows, light(variable, self.lights, seed).irradiance)
 
     @property
-    def _traces_first(self) -> bool:
-        """Whether once reflected light is traced for each sample: that of a point, whose light rays find its spot."""
+    def traces_first(self) -> bool:
+        """Tell whether once reflected light is traced for each sample: that of a point, whose light rays find its spot.
+
+        Returns:
+            Whether samples have paths of their own.
+        """
         point = isinstance(self._variable, PointLight) and self._variable.radius == 0
         return point and self._size.paths > 0
 
@@ -157,7 +156,7 @@ class GatheredShards(SeenShards):
         columns = {name: values[point] for name, values in columns_of(self._query).items()}
         run = self._settings.points_per_light
         half_a, half_b = without_spikes(*self._gather(point, light), run)
-        if self._traces_first:
+        if self.traces_first:
             each, lit = self._size.paths, (self.points[point], self.lights[light])
             shared = SharedLamps(self.lights, light.astype(np.uint32), int(self._seeds[3]) ^ LIGHT_RAYS)
             first = first_reflection(self._scene, *lit, self._variable, each, seed, shared)

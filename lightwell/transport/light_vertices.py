@@ -25,7 +25,9 @@ from lightwell.transport.tables import tables
 
 # V, and how many of them a path chooses from.
 VERTICES, CANDIDATES = 512, 32
-# How many light rays a chosen one counts as where it is weighed against sampling by the BSDF.
+# How many light rays a chosen one counts as where it is weighed against sampling by the BSDF. Squared noise with 1, 8
+# and 32, over that with light rays of their own: modern-house 0.65, 0.33, 0.24; littlest-tokyo 0.79, 0.37, 0.37;
+# courtyard 0.83, 0.75, 0.67; without the largest 0.2 %, drake-living-room 0.64, 0.81, 1.06, bevy-dof 0.80, 0.64, 0.71.
 OFTEN = 8.0
 # Cosines count as so much at least where candidates are weighed, and reflectances: normal maps and gloss reflect light
 # that plain surfaces do not.

@@ -47,7 +47,7 @@ class RowTask:
 
 
 TASKS = {
-    "radiance": RowTask("lightwell.transport.radiance:radiance_rows", 2),
+    "radiance": RowTask("lightwell.transport.radiance:radiance_rows", 3),
     "radiosity": RowTask("lightwell.transport.radiosity:radiosity_rows", 2),
     "irradiance": RowTask("lightwell.transport.irradiance:irradiance_rows"),
     "air-light": RowTask("lightwell.probes.trace:air_light_rows"),

@@ -147,7 +147,7 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     cost = max(_trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard, 1e-3)
     left = start.end - state.job.work.elapsed
-    times = plan_paths(left, cost) if isinstance(make, GatheredShards) and make.has_paths else 1
+    times = plan_paths(left, cost) if isinstance(make, GatheredShards) and make.traces_first else 1
     if times == 1:
         # Those that were timed are there already.
         left += TIMED_SHARDS * cost
