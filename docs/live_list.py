@@ -1,6 +1,6 @@
 """Pages that a build has or has not: live pages, which tools/live_pages.py puts into docs/_live.
 
-The directive ``{live-pages}`` lists them. A scene of the gallery or the zoo that has a live page links to it.
+The directive ``{live-pages}`` lists them. A scene of the zoo that has a live page links to it.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from sphinx.application import Sphinx
 from lightwell.core.units import size_text
 
 FOLDER = Path(__file__).parent / "_live/live"
-# Documents with a heading for each scene.
-SCENES = ("docs/gallery", "docs/zoo")
+# The document with a heading for each scene.
+SCENES = "docs/zoo"
 
 
 class LivePages(Directive):
@@ -76,7 +76,7 @@ def add_links(app: Sphinx, name: str, source: list[str]) -> None:
         name: Document that was read.
         source: Its text, changed in place.
     """
-    if name in SCENES:
+    if name == SCENES:
         source[0] = linked(source[0], FOLDER)
 
 
@@ -111,6 +111,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("live-pages", LivePages)
     app.connect("source-read", add_links)
     # These depend on files beside their pages.
-    places = ["docs/live-pages", *SCENES]
+    places = ["docs/live-pages", SCENES]
     app.connect("env-get-outdated", lambda app, env, *_: [name for name in places if name in env.found_docs])
     return {"parallel_read_safe": True, "version": "1"}

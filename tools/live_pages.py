@@ -1,7 +1,7 @@
 """Live pages for the documentation site: baked pages that a reader moves the lamp in.
 
     python tools/live_pages.py cornell two-rooms courtyard [--quality good]
-    python tools/live_pages.py out/gallery/* demo
+    python tools/live_pages.py out/* demo
 
 Each argument is a scene, which is baked, or a baked folder, which is copied, into docs/_live/live. From there
 `make docs` takes them, and docs/live-pages.md lists them. Pictures need Node and a Chromium.

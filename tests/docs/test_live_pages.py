@@ -34,10 +34,10 @@ def test_the_list_names_each_page_with_its_verdict(live_list, tmp_path):
     assert whole.count("<img") == 1 and "../live/barn/page.webp" in whole
 
 
-def test_scenes_of_the_gallery_link_to_their_pages(live_list, tmp_path):
+def test_scenes_of_the_zoo_link_to_their_pages(live_list, tmp_path):
     (tmp_path / "barn").mkdir()
     (tmp_path / "barn/index.html").touch()
-    text = "# Gallery\n\n## attic\n\nDark.\n\n## barn\n\nBright.\n"
+    text = "# The zoo\n\n## attic\n\nDark.\n\n## barn\n\nBright.\n"
     link = '<a href="../live/barn/index.html">Move the lamp in it</a>'
     assert live_list.linked(text, tmp_path) == text.replace("## barn\n", f"## barn\n\n{link}\n")
 
