@@ -147,18 +147,23 @@ export abstract class SceneCore<F extends LearnedField, R extends object> {
 
   /**
    * Light the root, as the constructor does; after `detach` or `dispose` again. A root that another scene with learned light lights
-   * is taken over from it.
+   * is taken over from it. Where it throws, the root is as it was loaded.
    */
   attach(): void {
     if (this.attached) return;
     OWNERS.get(this.root)?.detach();
     OWNERS.set(this.root, this);
     this.attached = true;
-    if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
-    for (const lamp of this.lamps) lamp.attach();
-    this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>, this.ownLights.taken);
-    this.materials.attach(this.root);
-    this.lit?.attach();
+    try {
+      if (this.fields.length > 0 || this.variables.length > 0) this.ownLights.remove(this.root);
+      for (const lamp of this.lamps) lamp.attach();
+      this.ownLamps.attach(this.root, this.lightmaps as Map<Material, Lightmap>, this.ownLights.taken);
+      this.materials.attach(this.root);
+      this.lit?.attach();
+    } catch (error) {
+      this.detach();
+      throw error;
+    }
   }
 
   /** Give the root back as it was loaded: its materials, its own lights. It stays where it is. */

@@ -297,20 +297,32 @@ const SCENARIOS = {
     return { pictures, lights };
   },
 
-  /** A mesh is given a material of another scene. */
-  async shared(stand: Stand): Promise<string> {
+  /** Meshes are given a material of another scene: what `update` and `attach` say, and the objects that the latter leaves. */
+  async shared(stand: Stand): Promise<{ messages: string[]; left: number }> {
     const [one, other] = [await put(stand), await put(stand)];
     const [material] = materialsOf(other.learned.root);
     material!.name = "paint";
-    one.learned.root.traverse((object) => {
+    const { root } = one.learned;
+    root.traverse((object) => {
       if (object instanceof Mesh) object.material = material;
     });
-    try {
-      one.learned.update();
-      return "";
-    } catch (error) {
-      return (error as Error).message;
-    }
+    const objects = (): number => {
+      let count = 0;
+      root.traverse(() => void count++);
+      return count;
+    };
+    const message = (act: () => void): string => {
+      try {
+        act();
+        return "";
+      } catch (error) {
+        return (error as Error).message;
+      }
+    };
+    const said = message(() => one.learned.update());
+    one.learned.detach();
+    const before = objects();
+    return { messages: [said, message(() => one.learned.attach())], left: objects() - before };
   },
 
   /** A second renderer, then a lost device: a context is restored, and for a `GPUDevice` there is a new renderer. */
