@@ -30,6 +30,7 @@ from lightwell.fields.surface.plan import (
     LastPlan,
     SamplePlan,
     StepPlan,
+    fewest_paths,
     load_plan,
     plan_gather,
     plan_last,
@@ -90,10 +91,13 @@ def test_a_fast_machine_is_bounded_by_memory():
 
 
 def test_samples_have_more_paths_where_shards_are_cheap():
-    dear, fair, cheap = (plan_paths(100, cost) for cost in (2.0, 0.4, 0.001))
-    assert (dear, fair, cheap) == (1, int(TRACE_SHARE * 100 / (MOST_SHARDS * 0.4)), MOST_TIMES)
+    dear, fair, cheap = (plan_paths(100, cost, 16) for cost in (2.0, 0.4, 0.001))
+    assert (dear, fair, cheap) == (4, 4 * int(TRACE_SHARE * 100 / (MOST_SHARDS * 0.4)), 16 * MOST_TIMES)
     # They take the time of tracing, and no more of it.
-    assert MOST_SHARDS * 0.4 * fair <= TRACE_SHARE * 100 and plan_paths(-5, 1.0) == 1
+    assert MOST_SHARDS * 0.4 * fair / 4 <= TRACE_SHARE * 100 and plan_paths(-5, 1.0, 16) == 4
+    # Both halves have one at least.
+    assert [fewest_paths(asked) for asked in (2, 6, 16, 64)] == [2, 2, 4, 16]
+    assert all(plan_paths(100, cost, 6) % 2 == 0 for cost in (2.0, 0.4, 0.1, 0.001))
 
 
 def test_less_is_gathered_where_time_is_short():

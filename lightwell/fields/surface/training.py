@@ -24,6 +24,7 @@ from lightwell.fields.surface.plan import (
     SamplePlan,
     StartPlan,
     StepPlan,
+    fewest_paths,
     kept_plan,
     load_plan,
     plan_gather,
@@ -102,8 +103,8 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     make = _maker(state, role, start)
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     if isinstance(make, GatheredShards):
-        make = make.with_paths(_shards(state, plan.times).paths)
-    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}", plan.times)
+        make = make.with_paths(_shards(state, plan.paths).paths)
+    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}", plan.paths)
     validation = _validation(state, role, start)
     light = None if role == "static" else state.variable
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained, make.paths)
@@ -145,17 +146,21 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
         return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-    cost = max(_trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard, 1e-3)
+    chosen = isinstance(make, GatheredShards) and make.traces_first
+    fewest = fewest_paths(request.paths) if chosen else request.paths
+    timed = make.with_paths(fewest) if isinstance(make, GatheredShards) else make
+    traced = _trace(state, role, "uniform", TIMED_SHARDS, timed, f"time {role}", fewest)
+    cost = max(traced.seconds_per_shard, 1e-3)
     left = start.end - state.job.work.elapsed
-    times = plan_paths(left, cost) if isinstance(make, GatheredShards) and make.traces_first else 1
-    if times == 1:
+    paths = plan_paths(left, cost, request.paths) if chosen else fewest
+    if paths == fewest:
         # Those that were timed are there already.
         left += TIMED_SHARDS * cost
     else:
         shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
+        cost *= paths / fewest
     # Adaptive shards are gathered as the others are.
-    plan = plan_samples(left, times * cost, times * cost, None, state.job.shared)
-    return replace(plan, times=times).within(make.most)
+    return replace(plan_samples(left, cost, cost, None, state.job.shared), paths=paths).within(make.most)
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
@@ -169,14 +174,16 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     return kind(state.scene, looked_from(state), shards, size, state.looked)
 
 
-def _shards(state: State, times: int = 1) -> ShardSettings:
+def _shards(state: State, paths: int | None = None) -> ShardSettings:
     request = state.job.request
-    return ShardSettings(paths=times * request.paths, seed=request.seed, lights=request.lights_per_shard)
+    return ShardSettings(paths=paths or request.paths, seed=request.seed, lights=request.lights_per_shard)
 
 
-def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str, times: int = 1) -> TracedShards:
+def _trace(
+    state: State, role: Role, name: str, count: int, make: Make, title: str, paths: int | None = None
+) -> TracedShards:
     """Write the shards that are missing and read them all."""
-    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, times)
+    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, paths)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
         return trace_shards(state.scene, looked_from(state), shards, folder, count, make, stage)
 
@@ -373,7 +380,7 @@ class SurfaceTraining:
         """Samples where the squared residual of the fit so far is large."""
         make = self.samples.make.adaptive(self.samples.training, learner.predict)
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
-        traced = _trace(self.state, self.role, "adaptive", count, make, title, self._sample_plan.times)
+        traced = _trace(self.state, self.role, "adaptive", count, make, title, self._sample_plan.paths)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
         return to_learn(traced.samples, self.role, self.samples.unit)
 
