@@ -33,6 +33,7 @@ from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray,
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.paths import MAX_DEPTH
 from lightwell.transport.queries import dot, frames
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import CELLS
@@ -42,8 +43,10 @@ from lightwell.transport.tables import tables
 PROBES, PROBE_POINTS = 16, 1 << 16
 # Rays that look for places on the bins which lamps light.
 LIT_PLACES = 1 << 20
-# Paths of a bin, and the most that a surface hands on: paths end by chance.
-BIN_PATHS, MOST_REFLECTED, MOST_BOUNCES = 64, 0.95, 64
+# Paths of a bin, and their length: with the way from the lamp and to the point, that of the longest traced paths. White
+# surfaces with gloss reflect up to 1.08 times what they receive: if chance ended paths that lose nothing, those that go
+# on would count ever more, and single bins shine (hundreds of times their light, with chances of 0.95 and 64 bounces).
+BIN_PATHS, MOST_BOUNCES = 64, MAX_DEPTH - 3
 # Where fewer than this share of the paths is left, a launch costs more than they are worth: then fewer go on, which
 # count so many times as much. They must not count more at each bounce: that would be spots of light.
 FEW, FEW_COUNT = 0.1, 4
@@ -183,7 +186,7 @@ class Radiosity:
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
                 # Paths that go on count as much as at their begin, or FEW_COUNT times as much.
                 count = BIN_PATHS if len(row) > few else BIN_PATHS / FEW_COUNT
-                chance = np.minimum(count * part.max(axis=1), MOST_REFLECTED)
+                chance = np.minimum(count * part.max(axis=1), 1)
                 goes_on = random.random(len(row)) < chance
                 if not goes_on.any():
                     break
