@@ -108,10 +108,8 @@ export class SurfaceMaterials {
   /** Give everything back as it was, but for what its owner has changed since. */
   detach(): void {
     for (const material of this.others) material.visible = true;
-    for (const { mesh, own, given, castShadow, receiveShadow } of this.entries) {
-      if (mesh.material === given) mesh.material = own;
-      Object.assign(mesh, { castShadow, receiveShadow });
-    }
+    for (const { mesh, own, given, castShadow, receiveShadow } of this.entries)
+      Object.assign(mesh, { castShadow, receiveShadow, material: mesh.material === given ? own : mesh.material });
     for (const [material, held] of this.held) {
       if (--held.users > 0) continue;
       held.patch?.restore();
