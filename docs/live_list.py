@@ -18,7 +18,7 @@ from lightwell.core.units import size_text
 
 FOLDER = Path(__file__).parent / "_live/live"
 # The document with a heading for each scene.
-SCENES = "docs/zoo"
+ZOO = "docs/zoo"
 
 
 class LivePages(Directive):
@@ -76,7 +76,7 @@ def add_links(app: Sphinx, name: str, source: list[str]) -> None:
         name: Document that was read.
         source: Its text, changed in place.
     """
-    if name == SCENES:
+    if name == ZOO:
         source[0] = linked(source[0], FOLDER)
 
 
@@ -111,6 +111,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("live-pages", LivePages)
     app.connect("source-read", add_links)
     # These depend on files beside their pages.
-    places = ["docs/live-pages", SCENES]
+    places = ["docs/live-pages", ZOO]
     app.connect("env-get-outdated", lambda app, env, *_: [name for name in places if name in env.found_docs])
     return {"parallel_read_safe": True, "version": "1"}

@@ -148,8 +148,13 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
     chosen = isinstance(make, GatheredShards) and make.traces_first
     fewest = fewest_paths(request.paths) if chosen else request.paths
-    timed = make.with_paths(fewest) if isinstance(make, GatheredShards) else make
-    traced = _trace(state, role, "uniform", TIMED_SHARDS, timed, f"time {role}", fewest)
+
+    def timed(*shard: Any) -> tuple[dict[str, Any], dict]:
+        # Prepared before it is copied: makers of samples with other paths then share what is traced first.
+        make.prepare()
+        return make.with_paths(fewest)(*shard)
+
+    traced = _trace(state, role, "uniform", TIMED_SHARDS, timed if chosen else make, f"time {role}", fewest)
     cost = max(traced.seconds_per_shard, 1e-3)
     left = start.end - state.job.work.elapsed
     paths = plan_paths(left, cost, request.paths) if chosen else fewest
