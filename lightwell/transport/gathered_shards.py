@@ -61,7 +61,7 @@ class GatheredShards(SeenShards):
             paths: Paths that a sample is asked to have, even, ≥ 2.
 
         Returns:
-            The maker; it shares what was traced before, by ``prepare`` or the first shard.
+            The maker; it shares what was traced before.
         """
         other = copy(self)
         other._settings = replace(self._settings, paths=paths)
@@ -97,8 +97,8 @@ class GatheredShards(SeenShards):
         return point and self._size.paths > 0
 
     def _prepare(self) -> None:
-        """Trace what all shards share, and light it; look up their points."""
-        self._gather, self._query, self._flat  # noqa: B018
+        """Trace what all shards share, and light it."""
+        self._gather  # noqa: B018
 
     @cached_property
     def _query(self) -> Query:

@@ -157,9 +157,8 @@ def test_samples_have_the_paths_that_are_asked_for(cornell):
 def test_more_paths_keep_what_was_traced(cornell):
     settings = ShardSettings(paths=4, lights=8, points_per_light=16)
     few = GatheredShards(cornell, LIGHT, settings, GatherSize(256, 64, 8, 8, paths=8))
-    few.prepare()
     more = few.with_paths(16)
-    assert (few.paths, more.paths) == (8, 32) and more.seen is few.seen and more.lights is few.lights
+    assert (few.paths, more.paths) == (8, 32) and more.seen is few.seen
     (one, first), (two, second) = (maker(cornell, LIGHT, None, settings, 1) for maker in (few, more))
     assert (first["paths"]["paths"], second["paths"]["paths"]) == (8 * settings.size, 32 * settings.size)
     np.testing.assert_array_equal(one["light"], two["light"])

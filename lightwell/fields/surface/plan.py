@@ -32,6 +32,9 @@ RAYS = {"draft": 64, "good": 128, "best": 256}
 PATHS_PER_RAY = 0.25
 # Points of a gathered shard that are its own, and bounds of the points in shards of them.
 FEWEST_GATHERED, MOST_GATHERED = 1, 16
+# Share of a role's time that it trains at least, however long its samples took: a field of 200 steps is of no use
+# (pyraxia-hallway on a slow machine), and a bake may take a little longer.
+LEAST_TRAINING_SHARE = 0.1
 # Share of the steps before the adaptive stage.
 FIRST_STEPS_SHARE = 0.4
 # A fit on fewer shards or steps than this is not worth starting.
@@ -46,10 +49,8 @@ NOMINAL_STEPS = 1 << 16
 # More shards than these hold little that is new (24 to 72: +0.1 dB at equal steps), and the time in which they are
 # taken up is worth more steps; with 90 features 64 of them are 1.5 GB.
 MOST_SHARDS = 32
-# Paths of a sample of a lamp, over those that it is asked to have: few, so that there are many samples, and more where
-# so many shards take less than their time. Courtyard, 20 s of shards: 7 of 32 paths 29.5 dB, 14 of 16 29.8, 28 of 8
-# 30.6, 28 of 4 30.2; with four times as long, 28 of 32, 31.4.
-FEWEST_TIMES, MOST_TIMES = 0.25, 8
+# Where so many shards take less than their time, samples have up to so many times the paths.
+MOST_TIMES = 8
 # Most of the time left after the first steps that adaptive shards may take.
 LAST_TRACE_SHARE = 0.5
 
@@ -81,8 +82,8 @@ class SamplePlan:
     adaptive_shards: int
     seconds_per_shard: float = 0.0
     seconds_per_adaptive: float = 0.0
-    paths: int | None = None
-    """Paths of a sample; None: as many as it is asked to have."""
+    times: int = 1
+    """As many times the paths of a sample as it is asked to have."""
 
     def within(self, most: int | None) -> SamplePlan:
         """Return the plan with at most so many shards, of which none is adaptive where the limit is reached.
@@ -179,32 +180,18 @@ def plan_samples(
     return SamplePlan(shards, min(adaptive, shards), **costs)
 
 
-def fewest_paths(asked: int) -> int:
-    """Compute the paths of a sample where time is short.
-
-    Args:
-        asked: Paths that it is asked to have, even, ≥ 2.
-
-    Returns:
-        Even, ≥ 2.
-    """
-    return max(2 * int(FEWEST_TIMES * asked / 2), 2)
-
-
-def plan_paths(seconds: float, seconds_per_shard: float, asked: int) -> int:
-    """Plan the paths of a sample: more than the fewest where the time buys more shards than hold something new.
+def plan_paths(seconds: float, seconds_per_shard: float) -> int:
+    """Plan the paths of a sample where the time buys more shards than hold something new.
 
     Args:
         seconds: Time left for tracing and training.
-        seconds_per_shard: Measured time of a shard whose samples have ``fewest_paths``.
-        asked: Paths that a sample is asked to have, even, ≥ 2.
+        seconds_per_shard: Measured time of a shard whose samples have as many paths as they are asked to have.
 
     Returns:
-        Even, from ``fewest_paths`` to ``MOST_TIMES`` times as many as asked.
+        How many times as many they get.
     """
-    fewest = fewest_paths(asked)
     affordable = TRACE_SHARE * seconds / max(MOST_SHARDS * seconds_per_shard, 1e-6)
-    return int(np.clip(fewest * int(max(affordable, 1)), fewest, MOST_TIMES * asked))
+    return int(np.clip(affordable, 1, MOST_TIMES))
 
 
 def timed_step(
@@ -234,6 +221,19 @@ def timed_step(
     short, long = np.median(np.reshape(seconds, (TIMED_PAIRS, 2)), axis=0)
     step = max(long - short, 0.0) / (TIMED_RUNS[1] - TIMED_RUNS[0])
     return float(step + max(short - TIMED_RUNS[0] * step, 0.0) / evaluate_every)
+
+
+def training_seconds(left: float, role: float) -> float:
+    """Compute how long a role trains.
+
+    Args:
+        left: Seconds that its samples leave; negative where they took too long.
+        role: Seconds of the role, samples included.
+
+    Returns:
+        Seconds, > 0.
+    """
+    return max(left, LEAST_TRAINING_SHARE * role)
 
 
 def plan_steps(seconds: float, seconds_per_step: float, fixed: int | None) -> StepPlan:

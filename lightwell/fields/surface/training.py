@@ -17,6 +17,7 @@ from lightwell.fields.base import FieldSetup, Learner, around_samples, radiance_
 from lightwell.fields.protocol import GoodEnough, Role, State, Traced, Training
 from lightwell.fields.surface.clock import Clock
 from lightwell.fields.surface.plan import (
+    FIRST_STEPS_SHARE,
     RAYS,
     SHARED_TRACE_SHARE,
     TIMED_SHARDS,
@@ -24,7 +25,6 @@ from lightwell.fields.surface.plan import (
     SamplePlan,
     StartPlan,
     StepPlan,
-    fewest_paths,
     kept_plan,
     load_plan,
     plan_gather,
@@ -34,6 +34,7 @@ from lightwell.fields.surface.plan import (
     plan_steps,
     save_plan,
     timed_step,
+    training_seconds,
 )
 from lightwell.fields.surface.poses import (
     gather_in_time,
@@ -103,8 +104,8 @@ def surface_samples(state: State, role: Role) -> SurfaceSamples:
     make = _maker(state, role, start)
     plan = kept_plan(part, SamplePlan, partial(_sample_plan, state, role, start, make))
     if isinstance(make, GatheredShards):
-        make = make.with_paths(_shards(state, plan.paths).paths)
-    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}", plan.paths)
+        make = make.with_paths(_shards(state, plan.times).paths)
+    traced = _trace(state, role, "uniform", plan.shards, make, f"trace {role}", plan.times)
     validation = _validation(state, role, start)
     light = None if role == "static" else state.variable
     spent = Traced(traced.report.paths, traced.report.dropped, len(traced.samples), start.sustained, make.paths)
@@ -146,26 +147,17 @@ def _sample_plan(state: State, role: Role, start: StartPlan, make: Maker) -> Sam
         return plan_samples(0, 0, 0, request.shards, state.job.shared)
     # Without a plan shards must be timed, so that those of a bake that was killed are of no use.
     shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-    chosen = isinstance(make, GatheredShards) and make.traces_first
-    fewest = fewest_paths(request.paths) if chosen else request.paths
-
-    def timed(*shard: Any) -> tuple[dict[str, Any], dict]:
-        # Prepared before it is copied: makers of samples with other paths then share what is traced first.
-        make.prepare()
-        return make.with_paths(fewest)(*shard)
-
-    traced = _trace(state, role, "uniform", TIMED_SHARDS, timed if chosen else make, f"time {role}", fewest)
-    cost = max(traced.seconds_per_shard, 1e-3)
+    cost = max(_trace(state, role, "uniform", TIMED_SHARDS, make, f"time {role}").seconds_per_shard, 1e-3)
     left = start.end - state.job.work.elapsed
-    paths = plan_paths(left, cost, request.paths) if chosen else fewest
-    if paths == fewest:
+    times = plan_paths(left, cost) if isinstance(make, GatheredShards) and make.traces_first else 1
+    if times == 1:
         # Those that were timed are there already.
         left += TIMED_SHARDS * cost
     else:
         shutil.rmtree(state.job.work.samples(f"{role}-uniform"), ignore_errors=True)
-        cost *= paths / fewest
     # Adaptive shards are gathered as the others are.
-    return replace(plan_samples(left, cost, cost, None, state.job.shared), paths=paths).within(make.most)
+    plan = plan_samples(left, times * cost, times * cost, None, state.job.shared)
+    return replace(plan, times=times).within(make.most)
 
 
 def _maker(state: State, role: Role, start: StartPlan) -> Maker:
@@ -179,16 +171,14 @@ def _maker(state: State, role: Role, start: StartPlan) -> Maker:
     return kind(state.scene, looked_from(state), shards, size, state.looked)
 
 
-def _shards(state: State, paths: int | None = None) -> ShardSettings:
+def _shards(state: State, times: int = 1) -> ShardSettings:
     request = state.job.request
-    return ShardSettings(paths=paths or request.paths, seed=request.seed, lights=request.lights_per_shard)
+    return ShardSettings(paths=times * request.paths, seed=request.seed, lights=request.lights_per_shard)
 
 
-def _trace(
-    state: State, role: Role, name: str, count: int, make: Make, title: str, paths: int | None = None
-) -> TracedShards:
+def _trace(state: State, role: Role, name: str, count: int, make: Make, title: str, times: int = 1) -> TracedShards:
     """Write the shards that are missing and read them all."""
-    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, paths)
+    folder, shards = state.job.work.samples(f"{role}-{name}"), _shards(state, times)
     with state.job.work.timed("trace"), state.job.progress.stage(title, count, "shards") as stage:
         return trace_shards(state.scene, looked_from(state), shards, folder, count, make, stage)
 
@@ -316,7 +306,8 @@ class SurfaceTraining:
         taken = self._preparing * share * (2 if plan.adaptive_shards else 1)
         taken += plan.adaptive_shards * plan.seconds_per_adaptive
         taken += self.samples.make.before_adaptive if plan.adaptive_shards else 0.0
-        return self.samples.end - self.state.job.work.elapsed - taken
+        left = self.samples.end - self.state.job.work.elapsed - taken
+        return training_seconds(left, role_seconds(self.state, self.role))
 
     def _seconds_per_step(self) -> float:
         """Time of a training step on a scratch learner, compilation excluded."""
@@ -334,6 +325,8 @@ class SurfaceTraining:
         def make() -> LastPlan:
             left = self.samples.end - self.state.job.work.elapsed
             left -= self.samples.make.before_adaptive if self._sample_plan.adaptive_shards else 0.0
+            rest = (1 - FIRST_STEPS_SHARE) * role_seconds(self.state, self.role)
+            left = self._preparing + training_seconds(left - self._preparing, rest)
             return plan_last(left, self._sample_plan, step, self._step_cost, self._preparing)
 
         last = kept_plan(self._part, LastPlan, make)
@@ -385,7 +378,7 @@ class SurfaceTraining:
         """Samples where the squared residual of the fit so far is large."""
         make = self.samples.make.adaptive(self.samples.training, learner.predict)
         count, title = self._sample_plan.adaptive_shards, f"trace {self.role}, adaptive"
-        traced = _trace(self.state, self.role, "adaptive", count, make, title, self._sample_plan.paths)
+        traced = _trace(self.state, self.role, "adaptive", count, make, title, self._sample_plan.times)
         self.adaptive = Traced(traced.report.paths, traced.report.dropped)
         return to_learn(traced.samples, self.role, self.samples.unit)
 
