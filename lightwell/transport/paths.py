@@ -119,6 +119,9 @@ def _follow(scene, path, L, z, source, rng, limits, include_direct, connections,
             straight = goes_straight(sample) & (passed < PASSED)
             passed += dr.select(straight, 1, 0)
             path.depth -= dr.select(straight, 1, 0)
+        if dr.hint(not source.hits, mode="scalar"):
+            # The ray of a longest path would find nothing: the source cannot be met.
+            path.active &= path.depth + 1 < max_depth
     return L
 
 

@@ -90,6 +90,43 @@ def test_nothing_under_a_box_on_a_floor(is_open):
     assert report.covered > 0 and report.candidates == report.dropped + (report.candidates - report.dropped)
 
 
+def plate(bsdf: dict):
+    """A room of 2 m with a plate 3 cm above the middle of its floor, and points on both."""
+    cover = rooms.quad("plate", (-0.7, 0.03, -0.7), (0, 0, 1.4), (1.4, 0, 0))
+    scene = rooms.build("plate", [*rooms.room_walls(), cover], [rooms.diffuse(rooms.WHITE)] * 5 + [bsdf])
+    report = Rejection()
+    points = sample_surface(scene, 16384, 4, report=report)
+    position, _, flat = frames(scene, points)
+    up = (flat * points.view).sum(axis=1) * flat[:, 1] > 0
+    # Away from the edge of the plate, from below which some rays leave.
+    middle = (np.abs(position[:, [0, 2]]) < 0.3).all(axis=1)
+    return report, points.shape, position, middle, up
+
+
+def test_a_floor_under_a_floor_is_buried():
+    report, shape, position, middle, up = plate(rooms.diffuse(rooms.WHITE))
+    floor = (shape == 0) & (position[:, 1] < 1e-4) & up
+    assert report.buried > 100
+    # The rest of the floor has more than 500 points per square metre; of 0.36 m² one ray in 300 leaves.
+    assert (floor & ~middle).sum() > 1500 and (floor & middle).sum() < 0.2 * 500 * 0.36
+    # What people see of the plate is not.
+    assert (middle & (shape == 5) & up).sum() > 100
+
+
+def test_a_floor_under_glass_is_not_buried():
+    report, shape, position, middle, up = plate({"type": "thindielectric"})
+    assert report.buried == 0
+    assert ((shape == 0) & (position[:, 1] < 1e-4) & up & middle).sum() > 60
+
+
+def test_the_inside_of_a_flat_case_is_not_buried():
+    # All that people see of it is near its other side.
+    shell = rooms.box("case", (-1, 0, -1), (1, 0.01, 1), inward=True)
+    scene = rooms.build("case", [shell], [rooms.diffuse(rooms.WHITE)])
+    report = Rejection()
+    assert len(sample_surface(scene, 1024, 1, report=report)) > 512 and report.buried == 0
+
+
 def test_points_inside_a_solid_are_dropped():
     # A shelf that runs through a closed block: the part within the block goes, the rest stays, on both sides.
     block = rooms.box("block", (-0.5, 0, -0.5), (0.5, 1, 0.5))
