@@ -280,17 +280,17 @@ it("draws nothing while nothing changes", async () => {
 });
 
 it("smooths edges once nothing changes, and a change ends it", async () => {
-  const large = await (await open(640, 480, html(), "learned&size=640x480")).evaluate(() => Array.from(window.lightwell.readPixels().data));
-  const page = await open(640, 480, html(), "learned&size=160x120");
+  const large = await (await open(384, 288, html(), "learned&size=384x288")).evaluate(() => Array.from(window.lightwell.readPixels().data));
+  const page = await open(384, 288, html(), "learned&size=96x72");
   // Mean distances from a picture of 16 samples a pixel, of the canvas drawn once, and with smooth edges.
   const found = await page.evaluate((large) => {
     const { lightwell } = window;
     const canvas = document.querySelector("canvas")!;
     const drawn = (draw: () => void) => {
       draw();
-      const context = new OffscreenCanvas(160, 120).getContext("2d")!;
+      const context = new OffscreenCanvas(96, 72).getContext("2d")!;
       context.drawImage(canvas, 0, 0);
-      return context.getImageData(0, 0, 160, 120).data;
+      return context.getImageData(0, 0, 96, 72).data;
     };
     const once = drawn(() => lightwell.renderOnce());
     const smooth = drawn(() => lightwell.renderSmooth());
@@ -298,9 +298,9 @@ it("smooths edges once nothing changes, and a change ends it", async () => {
     const distance = (data: Uint8ClampedArray) => {
       let sum = 0;
       for (let i = 0; i < data.length; i++) {
-        const [x, y, c] = [(i >> 2) % 160, Math.floor((i >> 2) / 160), i & 3];
+        const [x, y, c] = [(i >> 2) % 96, Math.floor((i >> 2) / 96), i & 3];
         let mean = 0;
-        for (let k = 0; k < 16; k++) mean += large[4 * ((4 * y + (k >> 2)) * 640 + 4 * x + (k & 3)) + c]! / 16;
+        for (let k = 0; k < 16; k++) mean += large[4 * ((4 * y + (k >> 2)) * 384 + 4 * x + (k & 3)) + c]! / 16;
         sum += Math.abs(data[i]! - mean);
       }
       return sum / data.length;

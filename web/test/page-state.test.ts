@@ -87,14 +87,18 @@ it("arrows fly when nothing else takes them, and end at once", async () => {
     window.lightwell.setCamera([0, 1, 4], [0, 1, 0], 40);
     (document.activeElement as HTMLElement | null)?.blur();
   });
-  const held = async (key: string) => {
-    const before = cameraOf(await link());
+  const frame = () => page.evaluate(() => new Promise<void>((done) => requestAnimationFrame(() => requestAnimationFrame(() => done()))));
+  const camera = async () => cameraOf(await link());
+  /** How far the camera went by a key held until it has gone some way, or for 300 ms where it must rest. */
+  const held = async (key: string, moves = true) => {
+    const before = await camera();
+    const far = async () => Math.max(...(await camera()).map((x, i) => Math.abs(x - before[i]!)));
     await page.keyboard.down(key);
-    await page.waitForTimeout(300);
+    if (moves) await expect.poll(far, { timeout: 10_000 }).toBeGreaterThan(0.03);
+    else await page.waitForTimeout(300);
     await page.keyboard.up(key);
-    await page.waitForTimeout(200);
-    const after = cameraOf(await link());
-    return after.map((x, i) => x - before[i]!);
+    await frame();
+    return (await camera()).map((x, i) => x - before[i]!);
   };
   const ahead = await held("ArrowUp");
   expect(ahead[2]).toBeLessThan(-0.02);
@@ -107,12 +111,13 @@ it("arrows fly when nothing else takes them, and end at once", async () => {
   await page.evaluate(() => {
     for (const key of ["ArrowUp", "Meta"]) document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   });
-  await page.waitForTimeout(100);
-  const resting = cameraOf(await link());
+  await frame();
+  const resting = await camera();
   await page.waitForTimeout(200);
-  expect(cameraOf(await link())).toEqual(resting);
+  await frame();
+  expect(await camera()).toEqual(resting);
   await page.getByRole("slider", { name: "Border between the left and the learned picture" }).focus();
-  for (const x of await held("ArrowLeft")) expect(x).toBeCloseTo(0, 6);
+  for (const x of await held("ArrowLeft", false)) expect(x).toBeCloseTo(0, 6);
 });
 
 it("the page around a frame asks and says what is shown; others are not heard", async () => {

@@ -16,7 +16,8 @@ export function listenToFlight(viewer: Viewer): void {
   const held = new Set<Key>();
   let [aside, before, requested] = [false, 0, 0];
   const step = (now: number) => {
-    const seconds = Math.min((now - before) / 1000, MAX_STEP);
+    // A frame begins before the key that is heard in it.
+    const seconds = Math.min(Math.max((now - before) / 1000, 0), MAX_STEP);
     before = now;
     const axis = (up: Key, down: Key) => Number(held.has(up)) - Number(held.has(down));
     const side = axis("ArrowRight", "ArrowLeft");
