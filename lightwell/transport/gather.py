@@ -3,42 +3,58 @@
 A path ends where it meets a surface whose light is known, L = ρ E' (Ward et al. 1988; Jensen's final gather, 2001), so
 that the noise is little more than that of the directions of its first bounce. Notation: N points, n texels along an
 edge, E' = irradiance / π.
+
+A surface where a path ends counts as if E' arrived from everywhere: its reflectance from the direction of the path is
+estimated by one sample of its BSDF, so that no energy is lost where it is no Lambertian one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats, upload_integers
 from lightwell.scenes.atlas import Atlas
-from lightwell.scenes.scene import DIELECTRIC_F0, Material, Scene
+from lightwell.scenes.executor import Arrays
+from lightwell.scenes.scene import Material, Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
+from lightwell.transport.irradiance import first_directions, half_means
 from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
-from lightwell.transport.path_state import PathState, aim_at_light, is_delta
+from lightwell.transport.path_state import PathState, aim_at_light, interaction_at, is_delta
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
 from lightwell.transport.radiance import LAUNCH
-from lightwell.transport.samples import SurfacePoints
+from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import shape_index, shape_lookup, tables
 
 # Surfaces as rough as this, unless they are metals, have nearly view-independent radiance: the irradiance is enough for
 # the second hit of a path, which the camera does not see.
 ROUGH, METAL = 0.4, 0.5
+# The same where only light is gathered that a surface scatters in all directions: reflections are seen by nobody.
+SMOOTH = 0.2
+# Texels of a texture of roughness of which one is read for its mean, along each edge.
+SKIPPED = 4
 
 
-def settled(material: Material, matte: bool) -> bool:
+def settled(material: Material, matte: bool, scattered: bool = False) -> bool:
     """Decide whether ρ E' replaces the radiance of a surface for paths that meet it.
 
     Args:
         material: Material of the surface.
         matte: Whether its radiance is view-independent.
+        scattered: Whether the paths come from surfaces that scatter what they gather.
 
     Returns:
         True where a path may end there.
     """
-    rough = material.roughness >= ROUGH and material.metallic <= METAL and material.metallic_roughness_texture is None
+    roughness, metallic = material.roughness, material.metallic
+    if (texture := material.metallic_roughness_texture) is not None:
+        mean = texture.image.pixels[::SKIPPED, ::SKIPPED, 1:3].mean(axis=(0, 1)) / 255
+        roughness, metallic = roughness * mean[0], metallic * mean[1]
+    rough = roughness >= SMOOTH if scattered else roughness >= ROUGH and metallic <= METAL
     layers = material.clearcoat or material.transmission or material.delta
     return material.alpha_mode == "OPAQUE" and not layers and (matte or rough)
 
@@ -50,13 +66,11 @@ class KnownIrradiance:
     size: mi.UInt32
     """n."""
     image: mi.Float
-    """[n * n * 4] E', row-major."""
+    """[n * n * 4] E', and whether paths must not end there, row-major."""
     uv: mi.Float
     """[2 * T * 6] corners of every triangle, by side."""
     stored: mi.Bool
     """[2 * T] sides whose light is known."""
-    gloss: mi.Float
-    """[M] reflectance of a surface beside its diffuse reflectance."""
     first: mi.UInt32
     """[M] first triangle of each mesh."""
     triangles: int
@@ -77,44 +91,57 @@ class KnownIrradiance:
         Returns:
             The light map, with the sides at which paths may end.
         """
+        return KnownIrradiance.uploaded(scene, known_arrays(scene, atlas, image, matte))
+
+    @staticmethod
+    def uploaded(scene: Scene, arrays: Arrays) -> KnownIrradiance:
+        """Upload the arrays of ``known_arrays``.
+
+        Args:
+            scene: Scene with M meshes.
+            arrays: The arrays.
+
+        Returns:
+            The light map.
+        """
         t = tables(scene)
-        known = np.array([settled(scene.materials[m.material], bool(b)) for m, b in zip(scene.meshes, matte)], bool)
-        stored = (atlas.chart >= 0) & known[t.mesh_of]
-        padded = np.concatenate([image, np.zeros((*image.shape[:2], 1))], axis=2).astype(np.float32)
         return KnownIrradiance(
-            dr.opaque(mi.UInt32, atlas.size),
-            upload_floats(padded.ravel()),
-            upload_floats(atlas.uv.ravel()),
-            mi.Bool(stored.ravel()),
-            upload_floats(np.where(matte, 0.0, DIELECTRIC_F0)),
+            dr.opaque(mi.UInt32, len(arrays["image"])),
+            upload_floats(arrays["image"].ravel()),
+            upload_floats(arrays["uv"].ravel()),
+            mi.Bool(arrays["stored"].astype(bool).ravel()),
             upload_integers(t.first[:-1]),
             len(t.area),
             shape_lookup(scene),
         )
 
     def find(
-        self, si: mi.SurfaceInteraction3f, place: mi.Point2f, ray: mi.Ray3f, active: mi.Bool
-    ) -> tuple[mi.Bool, mi.Spectrum]:
+        self, si: mi.SurfaceInteraction3f, place: mi.Point2f, ray: mi.Ray3f, u: tuple[mi.Float, mi.Point2f],
+        active: mi.Bool,
+    ) -> tuple[mi.Bool, mi.Spectrum]:  # fmt: skip
         """Look up the light that leaves the hits of rays.
 
         Args:
             si: Surface interactions.
             place: Barycentric weights of the second and third vertex.
             ray: Rays that found them.
+            u: Random numbers in [0, 1) for one sample of the BSDF.
             active: Lanes to look up.
 
         Returns:
-            Whether the light is known, and the radiance.
+            Whether the light is known, and an estimate of the radiance.
         """
         mesh = shape_index(self.meshes, si.shape)
         back = dr.dot(si.n, ray.d) > 0
         row = dr.gather(mi.UInt32, self.first, mesh, active) + si.prim_index + dr.select(back, self.triangles, 0)
         found = active & dr.gather(mi.Bool, self.stored, row, active)
-        reflectance = si.bsdf().eval_diffuse_reflectance(si, found) + dr.gather(mi.Float, self.gloss, mesh, found)
-        return found, reflectance * self._read(place, row, found)
+        light, unsure = self._read(place, row, found)
+        found &= unsure <= 0
+        _, reflectance = si.bsdf().sample(mi.BSDFContext(), si, *u, found)
+        return found, reflectance * light
 
-    def _read(self, place, row, active) -> mi.Spectrum:
-        """Read E' at a hit, bilinearly filtered."""
+    def _read(self, place, row, active) -> tuple[mi.Spectrum, mi.Float]:
+        """Read E' at a hit, bilinearly filtered, and more than 0 where it is not sure."""
         a, b, c = (
             mi.Point2f(*(dr.gather(mi.Float, self.uv, row * 6 + (2 * k + axis), active) for axis in (0, 1)))
             for k in range(3)
@@ -128,7 +155,35 @@ class KnownIrradiance:
         upper = texel(low.x, low.y) * (1 - t.x) + texel(high.x, low.y) * t.x
         lower = texel(low.x, high.y) * (1 - t.x) + texel(high.x, high.y) * t.x
         mixed = upper * (1 - t.y) + lower * t.y
-        return mi.Color3f(mixed.x, mixed.y, mixed.z)
+        return mi.Color3f(mixed.x, mixed.y, mixed.z), mixed.w
+
+
+def known_arrays(
+    scene: Scene,
+    atlas: Atlas,
+    image: np.ndarray,
+    matte: np.ndarray,
+    unsure: np.ndarray | None = None,
+    scattered: bool = False,
+) -> Arrays:
+    """Collect what ``KnownIrradiance`` uploads: arrays that are sent to workers.
+
+    Args:
+        scene: Scene with T triangles in M meshes.
+        atlas: Atlas of n x n texels.
+        image: [n, n, 3] E'.
+        matte: [M] bool: meshes with view-independent radiance.
+        unsure: [n, n] bool: texels at which no path may end; None: none.
+        scattered: See ``settled``.
+
+    Returns:
+        ``image`` [n, n, 4], ``uv`` [2, T, 3, 2], ``stored`` [2, T].
+    """
+    known = [settled(scene.materials[m.material], bool(b), scattered) for m, b in zip(scene.meshes, matte)]
+    mask = np.zeros(image.shape[:2]) if unsure is None else unsure
+    four = np.concatenate([image, mask[..., None]], axis=2).astype(np.float32)
+    stored = (atlas.chart >= 0) & np.array(known, bool)[tables(scene).mesh_of]
+    return {"image": four, "uv": atlas.uv.astype(np.float32), "stored": stored.astype(np.uint8)}
 
 
 def gathered(
@@ -177,7 +232,9 @@ def _launch(scene: Scene, device, light: KnownIrradiance, settings, start: int, 
     shift = random_streams(seed, row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
     source, first = Emitters.of(scene), stratified(shift, path, size)
-    L, E = _walk(scene.mi, si, light, source, rng, first, max_depth, rr_depth)
+    L, E, first_weight, diffuse_weight, path = _first_vertex(scene.mi, si, source, rng, *first[:2])
+    arriving = _walk(scene.mi, path, light, source, rng, max_depth, rr_depth)
+    L, E = L + first_weight * arriving, E + diffuse_weight * arriving
     ok = dr.all(dr.isfinite(L)) & dr.all(dr.isfinite(E))
     L, E, ok = dr.select(ok, L, 0), dr.select(ok, E, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
     dr.eval(L, E, ok)
@@ -186,17 +243,75 @@ def _launch(scene: Scene, device, light: KnownIrradiance, settings, start: int, 
     return np.where(good > 0, total / np.maximum(good, 1), np.nan).reshape(count, 2, 6)
 
 
+def gathered_irradiance(
+    scene: Scene, points: SurfacePoints, light: Arrays, paths: int, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gather E' at points, as ``irradiance`` does, ending paths at known light.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: Known light, see ``known_arrays``.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the paths.
+
+    Returns:
+        [2, N, 3] E', two independent half means, and [N, 3] the mean direction of the light, see ``Irradiance``.
+
+    Raises:
+        ValueError: ``paths`` is odd or below 2.
+    """
+    if paths < 2 or paths % 2:
+        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    settings = {"paths": paths, "seed": seed}
+    if scene.executor is None:
+        rows = gathered_irradiance_rows(scene, settings, columns_of(points), 0, light)["rows"]
+    else:
+        rows = scene.executor.rows("gathered-irradiance", settings, columns_of(points), paths, light)["rows"]
+    return rows[..., :3].swapaxes(0, 1), rows[..., 3:].mean(axis=1)
+
+
+def gathered_irradiance_rows(
+    scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays
+) -> Arrays:
+    """Trace rows of ``gathered_irradiance``; see ``row_tasks.RowFunction``.
+
+    Args:
+        scene: Scene to trace.
+        settings: ``paths`` and ``seed``.
+        columns: Columns of ``SurfacePoints``, [N, ...] each.
+        first: Number of the first row.
+        shared: Arrays of ``known_arrays``.
+
+    Returns:
+        ``rows`` [N, 2, 6]: by half E', and luminance times direction.
+    """
+    known = KnownIrradiance.uploaded(scene, shared)
+    estimate = lambda *at: _arriving(scene, known, *at)  # noqa: E731
+    return {"rows": half_means(scene, settings, columns, first, estimate, 6)}
+
+
+def _arriving(scene: Scene, known, si, view, rng, u, max_depth, rr_depth):
+    """Estimate E' once at ``si`` on the side of ``view``, see ``half_means``."""
+    source = Emitters.of(scene)
+    direct, wo, d, density, above = first_directions(scene.mi, si, view, source, rng, u)
+    path = PathState(si.spawn_ray(d))
+    path.prev, path.prev_pdf, path.prev_delta = interaction_at(si), mi.Float(density), mi.Bool(False)
+    path.depth, path.active = mi.UInt32(1), mi.Bool(above)
+    arriving = _walk(scene.mi, path, known, source, rng, max_depth, rr_depth)
+    return direct + arriving, wo * mi.luminance(direct) + d * mi.luminance(arriving)
+
+
 @dr.syntax
-def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
-    """Trace one path: emitter and BSDF sampling as ``radiance.trace``, ended where the light is known.
+def _walk(scene, path, known, source, rng, max_depth, rr_depth):
+    """Follow a path from its first ray: emitter and BSDF sampling as ``radiance.trace``, to where the light is known.
 
     A loop of its own, because an end at known light needs the place on the triangle, and because what arrives at the
     first vertex is weighted twice; it takes its steps from ``path_state``, and a test holds its mean to full paths.
 
-    Returns the radiance, and the estimate of E' with the same directions: f cos / p replaced by cos / (π p).
+    Returns the radiance from the first direction.
     """
-    L, E, first_weight, diffuse_weight, path = _first_vertex(scene, si, source, rng, *first[:2])
-    arriving = mi.Spectrum(0)  # Radiance from the sampled direction
+    arriving = mi.Spectrum(0)
 
     while dr.hint(path.active, label="lightwell gather"):
         pi = scene.ray_intersect_preliminary(path.ray, active=path.active)
@@ -211,7 +326,7 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         # --------------------- End of the path at known light ---------------------
 
         goes = path.active & si.is_valid() & (path.depth + 1 < max_depth)
-        found, light = known.find(si, pi.prim_uv, path.ray, goes)
+        found, light = known.find(si, pi.prim_uv, path.ray, (rng.next_float32(), next_2d(rng)), goes)
         arriving += dr.select(found, path.β * light, 0)
         goes &= ~found
 
@@ -234,7 +349,7 @@ def _walk(scene, si, known, source, rng, first, max_depth, rr_depth):
         path.active = goes & alive
         path.depth += 1
 
-    return L + first_weight * arriving, E + diffuse_weight * arriving
+    return arriving
 
 
 def _first_vertex(scene, si, source, rng, lobe, direction):

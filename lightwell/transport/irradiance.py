@@ -6,7 +6,7 @@ Notation: N points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,21 +91,48 @@ def irradiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, 
     Returns:
         ``rows`` [N, 2, 7]: by half E', luminance times direction, share of wrong first hits.
     """
+    sides = air_sides(scene)
+    estimate = lambda *at: _arriving(scene, sides, *at)  # noqa: E731
+    return {"rows": half_means(scene, settings, columns, first, estimate, 7)}
+
+
+def half_means(
+    scene: Scene,
+    settings: Mapping[str, Any],
+    columns: Arrays,
+    first: int,
+    estimate: Callable[..., tuple[Any, ...]],
+    width: int,
+) -> np.ndarray:
+    """Estimate the light that arrives at points, by two independent halves of the paths.
+
+    Args:
+        scene: Scene to trace.
+        settings: ``paths`` and ``seed``.
+        columns: Columns of ``SurfacePoints``, [N, ...] each.
+        first: Number of the first row.
+        estimate: Makes one estimate per lane from surface interactions, views, random numbers, points in [0, 1)² of the
+            first direction, longest path and depth of the roulette: E', luminance times direction, further columns.
+        width: C, columns of an estimate.
+
+    Returns:
+        [N, 2, C] float32 means; estimates that are not finite count as 0.
+    """
     tables(scene)
     points = SurfacePoints(*(columns[name] for name in ("shape", "triangle", "barycentric", "view")))
-    device, sides, half = DevicePoints(points), air_sides(scene), settings["paths"] // 2
+    device, half = DevicePoints(points), settings["paths"] // 2
     batch = max(1, LAUNCH // settings["paths"])
-    rows = np.zeros((len(points), 2, 7), np.float64)
     numbers = (settings["seed"] & 0xFFFFFFFF, MAX_DEPTH, RR_DEPTH, half, first)
     opaque = [dr.opaque(mi.UInt32, v) for v in numbers]
+    rows = np.zeros((len(points), 2, width), np.float32)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
-        rows[start : start + count] = _launch(scene, device, sides, opaque, start, count, half) / half
-    return {"rows": rows.astype(np.float32)}
+        rows[start : start + count] = _launch(scene, device, opaque, start, count, half, estimate) / half
+    return rows
 
 
-def _launch(scene: Scene, device, sides, settings, start: int, count: int, half: int) -> np.ndarray:
-    """Trace one launch; returns [count, 2, 7] sums by half: E', luminance times direction, wrong first hits."""
+def _launch(scene: Scene, device, settings, start: int, count: int, half: int, estimate) -> np.ndarray:
+    """Trace one launch; returns [count, 2, C] sums by half."""
     seed, max_depth, rr_depth, size, first = settings
     lane = dr.arange(mi.UInt32, count * 2 * half)
     group, path = lane // size, lane % size
@@ -114,34 +141,18 @@ def _launch(scene: Scene, device, sides, settings, start: int, count: int, half:
     shift = random_streams(seed, first + row, LATTICE_STREAM + (group & 1))
     si = gather_interaction(scene, device, row)
     view = dr.gather(mi.Vector3f, device.view, row)
-    L, direction, wrong = _arriving(scene, si, view, sides, rng, stratified(shift, path, size)[1], max_depth, rr_depth)
+    L, direction, *more = estimate(si, view, rng, stratified(shift, path, size)[1], max_depth, rr_depth)
     ok = dr.all(dr.isfinite(L)) & dr.all(dr.isfinite(direction))
-    L, direction = dr.select(ok, L, 0), dr.select(ok, direction, 0)
-    columns = [*L, *direction, dr.select(wrong, mi.Float(1), 0)]
+    columns = [*dr.select(ok, L, 0), *dr.select(ok, direction, 0), *more]
     dr.eval(columns)
     sums = [np.array(dr.block_sum(column, half)) for column in columns]
-    return np.stack(sums, axis=1).reshape(count, 2, 7)
+    return np.stack(sums, axis=1).reshape(count, 2, -1)
 
 
-def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
+def _arriving(scene: Scene, sides, si, view, rng, u, max_depth, rr_depth):
     """Estimate E' once at ``si`` on the side of ``view``: emitter sampling and a cosine-distributed ray."""
     source, geometry = Emitters.of(scene), scene.mi
-    # ----------------- Normals on the requested side ------------------
-    flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
-    normal = mi.Vector3f(si.sh_frame.n)
-    normal *= dr.select(dr.dot(normal, flat) < 0, -1.0, 1.0)
-    # ------------------------ Emitter sampling ------------------------
-    light = mi.Point2f(rng.next_float32(), rng.next_float32())
-    wo, weight, pdf, delta, shadow = source.sample(geometry, si, light, mi.Bool(True))
-    cosine = dr.dot(normal, wo)
-    lit = (dr.max(weight) > 0) & (cosine > 0) & (dr.dot(flat, wo) > 0)
-    T, _ = unblocked(geometry, source.panes, shadow, lit, delta)
-    mis = dr.select(delta, 1, power_heuristic(pdf, cosine * dr.inv_pi))
-    direct = dr.select(lit, T * mis * weight * cosine * dr.inv_pi, 0)
-    # --------------------- Cosine-distributed ray ---------------------
-    d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
-    above = dr.dot(flat, d) > 0
-    density = dr.dot(normal, d) * dr.inv_pi
+    direct, wo, d, density, above = first_directions(geometry, si, view, source, rng, u)
     ray = si.spawn_ray(d)
     pi = geometry.ray_intersect_preliminary(ray, active=above)
     wrong = pi.is_valid() & ~right_side(scene, sides, pi, ray)
@@ -154,4 +165,36 @@ def _arriving(scene: Scene, si, view, sides, rng, u, max_depth, rr_depth):
         0,
     )
     direction = wo * mi.luminance(direct) + d * mi.luminance(L)
-    return direct + L, direction, wrong
+    return direct + L, direction, dr.select(wrong, mi.Float(1), 0)
+
+
+def first_directions(geometry, si, view, source, rng, u):
+    """Sample the light at points where E' is estimated, and a cosine-distributed direction.
+
+    Args:
+        geometry: Mitsuba scene.
+        si: [N] surface interactions.
+        view: [N] directions on the side on which light arrives.
+        source: What shines.
+        rng: Random numbers, one stream per lane.
+        u: [N] random points in [0, 1)² of the cosine-distributed directions.
+
+    Returns:
+        [N] each: E' by the sampled light, with its weight against the other direction; the direction towards the light;
+        the cosine-distributed direction, its density per steradian, and whether it is above the surface.
+    """
+    # ----------------- Normals on the requested side ------------------
+    flat = mi.Vector3f(si.n) * dr.sign(dr.dot(si.n, view))
+    normal = mi.Vector3f(si.sh_frame.n)
+    normal *= dr.select(dr.dot(normal, flat) < 0, -1.0, 1.0)
+    # ------------------------ Emitter sampling ------------------------
+    light = mi.Point2f(rng.next_float32(), rng.next_float32())
+    wo, weight, pdf, delta, shadow = source.sample(geometry, si, light, mi.Bool(True))
+    cosine = dr.dot(normal, wo)
+    lit = (dr.max(weight) > 0) & (cosine > 0) & (dr.dot(flat, wo) > 0)
+    T, _ = unblocked(geometry, source.panes, shadow, lit, delta)
+    mis = dr.select(delta, 1, power_heuristic(pdf, cosine * dr.inv_pi))
+    direct = dr.select(lit, T * mis * weight * cosine * dr.inv_pi, 0)
+    # ------------------ Cosine-distributed direction ------------------
+    d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
+    return direct, wo, d, dr.dot(normal, d) * dr.inv_pi, dr.dot(flat, d) > 0

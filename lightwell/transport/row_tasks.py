@@ -50,6 +50,7 @@ TASKS = {
     "radiance": RowTask("lightwell.transport.radiance:radiance_rows", 3),
     "radiosity": RowTask("lightwell.transport.radiosity:radiosity_rows", 2),
     "irradiance": RowTask("lightwell.transport.irradiance:irradiance_rows"),
+    "gathered-irradiance": RowTask("lightwell.transport.gather:gathered_irradiance_rows"),
     "air-light": RowTask("lightwell.probes.trace:air_light_rows"),
     "air-ends": RowTask("lightwell.probes.gathered:air_end_rows"),
     "picture": RowTask("lightwell.transport.camera:picture_rows", 2),

@@ -149,7 +149,7 @@ def test_a_killed_bake_ends_with_the_same_bytes(tmp_path, monkeypatch, kept, who
         with pytest.raises(KeyboardInterrupt):
             bake(BakeSettings("cornell", halved, **SMALL))
     kept = {entry.function for entry in store_of(halved).entries()}
-    assert {f"lightmap.{name}" for name in ("sides", "counts", "light", "views", "phase")} <= kept
+    assert {f"lightmap.{name}" for name in ("sides", "path-counts", "light", "views", "phase")} <= kept
     bake(BakeSettings("cornell", halved, resume=True, **SMALL))
     assert (halved / "scene.glb").read_bytes() == (whole[0] / "scene.glb").read_bytes()
 
@@ -309,7 +309,7 @@ def test_a_larger_square_needs_the_paths_for_it(tmp_path, fewest, size):
     field = LightmapField(presets, AtlasLimits(least_coverage=1.0, largest=128, fewest_paths=fewest, usable=0.0))
     changes = {"options": {"mips": 0}, "steps": 10, "shards": None, "budget": Budget(0.1)}
     state, samples = lit(field, BakeSettings("cornell", tmp_path, preset="plain", **SMALL | changes))
-    planned, _, smaller = state.job.work.part(field="lightmap").find("lightmap.counts", JSON)
+    planned, _, _, smaller = state.job.work.part(field="lightmap").find("lightmap.path-counts", JSON)
     assert (state.atlas.size, state.paths, smaller) == (size, planned, size == 64)
     fit = field.fit(state, "static", samples)
     assert fit.plan["texel_paths"] == state.paths and fit.chart.atlas.size == size

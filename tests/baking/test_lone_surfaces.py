@@ -29,7 +29,7 @@ def alone(path, mesh, *lights):
     return str(path)
 
 
-@pytest.mark.parametrize("mesh", [FLOOR, SOLID], ids=lambda mesh: mesh.name)
+@pytest.mark.parametrize("mesh", [FLOOR, pytest.param(SOLID, marks=pytest.mark.slow)], ids=["floor", "solid"])
 def test_a_surface_under_a_day_is_baked_and_seen_from_around(mesh, tmp_path):
     report = bake(small(tmp_path / "out", scene=alone(tmp_path / "one.glb", mesh), vary=DAY, **FEW))
     assert report["relative_error"] is not None and np.isfinite(report["relative_error"])

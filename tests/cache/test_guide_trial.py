@@ -87,6 +87,7 @@ def test_passes_that_leave_no_time_for_samples_are_not_compared():
     assert not image.guiding and not trial.held[True]
 
 
+@pytest.mark.slow  # Twelve stills, each with kernels of its own.
 def test_the_mean_of_a_still_with_a_bad_guide_is_the_path_tracer_s():
     scene = room(16)
     path, cache = mi.load_dict({"type": "path", "max_depth": -1}), frozen(scene)

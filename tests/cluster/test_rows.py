@@ -9,16 +9,19 @@ import pytest
 from lightwell.probes.gathered import air_ends
 from lightwell.probes.trace import air_light
 from lightwell.scenes import load
+from lightwell.scenes.atlas import build
 from lightwell.scenes.default_light import with_lamp
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.variables import declare
 from lightwell.transport import draw_surface, indirect, static
 from lightwell.transport.camera import total_image
+from lightwell.transport.gather import gathered_irradiance, known_arrays
 from lightwell.transport.irradiance import irradiance
 from lightwell.transport.radiance import PathReport
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.row_recipes import inputs_of
 from lightwell.transport.row_tasks import TASKS
+from lightwell.transport.tables import tables
 
 POINTS = 150
 
@@ -71,6 +74,14 @@ def texels(scene, variable, points, lights):
     return [found.half_a, found.half_b, found.direction, found.wrong + 1]
 
 
+def gathered(scene, variable, points, lights):
+    sides = np.ones((2, len(tables(scene).area)), bool)
+    atlas, image = build(scene, 128, sides), np.full((128, 128, 3), 0.3, np.float32)
+    light = known_arrays(scene, atlas, image, np.ones(len(scene.meshes), bool))
+    both, direction = gathered_irradiance(scene, points, light, 4, 3)
+    return [both, direction]
+
+
 def picture(scene, variable, points, lights):
     return [total_image(scene, scene.cameras[0], lights[0], variable, 16, 12, 2, 5, intensity=2.0, with_static=True)]
 
@@ -92,7 +103,8 @@ def ends(scene, variable, points, lights):
 
 @pytest.mark.parametrize(
     "trace, tasks",
-    [(radiance, {"radiance"}), (texels, {"irradiance"}), (picture, {"picture"}), (air, {"air-light"}),
+    [(radiance, {"radiance"}), (texels, {"irradiance"}),
+     (gathered, {"gathered-irradiance"}), (picture, {"picture"}), (air, {"air-light"}),
      (bins, {"radiosity"}), (ends, {"air-ends"})],
 )  # fmt: skip
 def test_parts_have_the_bytes_of_the_whole(room, trace, tasks):

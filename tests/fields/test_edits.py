@@ -180,6 +180,7 @@ def test_an_edit_keeps_what_it_does_not_touch(tmp_path, cornell):
     bake(tmp_path / "room.glb", tmp_path / "new", rebake=tmp_path / "new")
 
 
+@pytest.mark.slow  # Three bakes of two fields.
 def test_fields_that_share_an_asset_keep_their_sizes(tmp_path, cornell):
     lit = with_mesh(cornell, -1, emission=(8.0, 8.0, 8.0))
     write_plain(tmp_path / "room.glb", lit)

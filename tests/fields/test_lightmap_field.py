@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from lightwell.fields.base import FieldSetup, query_inputs
-from lightwell.fields.lightmap.atlas_images import denoised, dilated, push_pull
+from lightwell.fields.lightmap.atlas_images import denoised, dilated, partly_denoised, push_pull
 from lightwell.fields.lightmap.curve import SOFT, stored
 from lightwell.fields.lightmap.field import EYE_SHARE, TEXEL_SHARE, role_part
 from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
@@ -436,6 +436,26 @@ def test_denoised_charts_are_clean_to_their_border():
     depth = distance_transform_edt(chart >= 0)
     assert error[(depth > 0) & (depth <= 2)].mean() < 0.06
     assert error[depth > 6].mean() < 0.04
+
+
+def test_the_denoiser_takes_noise_away_and_leaves_what_is_no_noise():
+    """A narrow shadow that the denoiser removes comes back; noise and single bright paths beside it do not."""
+    rng = np.random.default_rng(0)
+    truth = np.ones((96, 96, 3), np.float32)
+    truth[:, 20:24] = 0.3
+    halves = truth * rng.gamma(25, 1 / 25, (2, 96, 96, 1)).astype(np.float32)
+    halves[0, 48, 70] = 20
+    covered = np.zeros((96, 96), bool)
+    covered[4:92, 4:92] = True
+    halves[:, ~covered] = np.nan
+    clean = np.ones_like(truth)
+    found = partly_denoised(*halves, clean, covered)
+    assert found.dtype == np.float32 and (found[~covered] == 1).all()
+    shadow, flat = np.s_[10:86, 20:24], np.s_[10:86, 40:88]
+    assert abs(found[shadow].mean() / 0.3 - 1) < 0.25
+    assert found[flat].std() < 0.1 * halves.mean(axis=0)[10:40, 40:88].std()
+    assert found[48, 70].max() < 1.5
+    assert (partly_denoised(*halves, clean, np.zeros_like(covered)) == clean).all()
 
 
 def test_strips_of_few_texels_show_no_noise():

@@ -20,6 +20,12 @@ SMALLEST, AVERAGED = 4, 3.0
 SMALL, MIRRORED = 8, 16
 # Edge of the sheets that small charts share while they are denoised, and of the largest patch on them, texels.
 SHEET, ON_SHEET = 1024, 128
+# Standard deviation of the window in which noise and the changes of the denoiser are compared, texels; the changes are
+# left alone up to so many times the noise, by squares and by squares of roots. PSNR of displayed irradiance of eight
+# scenes against the denoised image: modern-house +4.2 dB, needle-lightmap-house +1.6, drake-living-room +1.1, courtyard
+# +0.3, three others 0.0; -1.1 in bakedgi-building, which few paths light at all (-2.9 with 1 and 2, -7.1 with roots
+# alone).
+WINDOW, MORE_THAN_NOISE, MORE_THAN_ROOTS = 3.0, 1.5, 2.0
 # Charts are continued by so many texels at least: about what the filter looks at.
 CONTINUED = 12
 
@@ -134,6 +140,37 @@ def denoised(image: np.ndarray, chart: np.ndarray, reach: int) -> np.ndarray:
             patch, place = small[k]
             _take(out, clean[y : y + patch.shape[0], x : x + patch.shape[1]], *place)
     return out
+
+
+def partly_denoised(half_a: np.ndarray, half_b: np.ndarray, clean: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """Go back towards the noisy image where a denoiser changed more than noise explains, as in narrow shadows.
+
+    The positive-part estimator of James and Stein (1961), R + w (D − R) with w = E(R − T)² / E(D − R)² of a small
+    window: what the denoiser removes is noise where these are equal, and light where the second is larger. The noise is
+    that of the two halves. Both are compared twice, as they are and as their roots: single bright paths decide the
+    first, and the second is biased where most paths find nothing; the denoised image stays where either tells so.
+
+    Args:
+        half_a: [n, n, C] image R of the first half of the paths, ≥ 0.
+        half_b: [n, n, C] that of the second, independent half.
+        clean: [n, n, C] denoised image D of their mean.
+        covered: [n, n] bool: texels with a value in all three.
+
+    Returns:
+        [n, n, C] float32 image; that of ``clean`` where nothing is covered.
+    """
+    noisy = 0.5 * (half_a + half_b)
+    unit = max(float(noisy[covered].mean()), 1e-30) if covered.any() else 1.0
+    weight = np.zeros(covered.shape)
+    for factor, power in ((MORE_THAN_NOISE, 1.0), (MORE_THAN_ROOTS, 0.5)):
+        a, b, r, d = (np.maximum(v / unit, 0) ** power for v in (half_a, half_b, noisy, clean))
+        noise, change = (
+            gaussian_filter(np.where(covered, np.square(v).mean(axis=2), 0), WINDOW, mode="constant")
+            for v in (0.5 * (a - b), d - r)
+        )
+        weight = np.maximum(weight, factor * noise / np.maximum(change, 1e-12))
+    weight = np.clip(weight, 0, 1)[..., None]
+    return np.where(covered[..., None], noisy + weight * (clean - noisy), clean).astype(np.float32)
 
 
 def _take(out: np.ndarray, clean: np.ndarray, rows: slice, columns: slice, own: np.ndarray, more: int) -> None:

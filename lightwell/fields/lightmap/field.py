@@ -26,24 +26,28 @@ from lightwell.fields.lightmap.fit import PRESETS, LightmapFit, LightmapPreset
 from lightwell.fields.lightmap.fitting import fitted, sample_unit
 from lightwell.fields.lightmap.lamps import PATHS as LAMP_PATHS
 from lightwell.fields.lightmap.lamps import fewer, find_lamps, lamp_errors, map_of, seam_count, with_lamps
+from lightwell.fields.lightmap.media import media_meshes
 from lightwell.fields.lightmap.moving import moving_fit, moving_samples
 from lightwell.fields.lightmap.options import LightmapOptions, stored_as
 from lightwell.fields.lightmap.seams import seam_samples
-from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, seen_sides
+from lightwell.fields.lightmap.sides import TriangleSides, lit_scene, lit_sides, matte, seen_sides
 from lightwell.fields.lightmap.size_limit import choose
 from lightwell.fields.lightmap.square import AtlasChoice, AtlasChoiceFormat, AtlasLimits, atlas_of, roomy_atlas
 from lightwell.fields.lightmap.state import EYE_PATHS, FittedLightmap, LightmapState, StillSamples
-from lightwell.fields.lightmap.trace import AtlasIrradiance, chart, narrow_cost
+from lightwell.fields.lightmap.trace import FIRST_SHARE, AtlasIrradiance, chart, narrow_cost
 from lightwell.fields.lightmap.validation import LightmapValidation
 from lightwell.fields.lightmap.views import ViewSamples, eye_samples
 from lightwell.fields.protocol import Job, Role
 from lightwell.fields.surface.tracing import path_rate
 from lightwell.scenes.atlas import Atlas
+from lightwell.scenes.executor import Recipe
 from lightwell.scenes.placing import sample_lights
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.triangle_groups import triangle_groups
 from lightwell.scenes.variables import declare
+from lightwell.transport.gather import gathered_irradiance, known_arrays
 from lightwell.transport.irradiance import Irradiance, irradiance
+from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.texels import Texels, texel_points, texels
 
 # Shares of the budget: irradiance at texels (in maps whose texels hold no light of their own), radiance towards views;
@@ -53,6 +57,8 @@ TEXEL_SHARE, BARE_TEXEL_SHARE, EYE_SHARE = 0.45, 0.02, 0.3
 SIDES_SHARE, ATLAS_SHARE = 0.05, 0.15
 # Texels and paths that time the tracer; bounds of the paths per texel.
 TIMED_TEXELS, WARM_TEXELS, TIMED_PATHS, FEWEST_PATHS, MOST_PATHS = 1 << 17, 1 << 10, 4, 4, 4096
+# Paths that end at known light are taken where they are so many times as fast: they pay where most light is indirect.
+WORTH_GATHERING = 2.0
 # Bounds of the number of samples of radiance towards views.
 FEWEST_EYES, MOST_EYES = 1 << 12, 1 << 19
 # Surface points that share a light in a shard of other fields: what ``--shards`` means is the same everywhere.
@@ -112,7 +118,7 @@ class LightmapField:
         find_lamps(state)
         with job.work.timed("trace"), job.progress.stage("atlas", 2, "") as stage:
             _lay_out(state, self.limits)
-            stage.advance(2, f"{state.paths} paths per texel, {state.eyes} eye samples")
+            stage.advance(2, f"{_texel_paths(state)}, {state.eyes} eye samples")
         atlas, size = state.atlas, state.size
         job.progress.say(f"atlas: {atlas.charts} charts, {atlas.coverage:.0%} of {size} x {size}, {atlas.origin}")
         return state
@@ -141,8 +147,10 @@ class LightmapField:
                 return state.part.get("lightmap.moving", make, VIEWS)
             keep = lambda make: state.part.get("lightmap.light", make, LIGHT)  # noqa: E731
             size, mips = state.atlas.size, state.atlas.mips
-            made = chart(state.scene, size, mips, state.paths, seed, keep=keep, atlas=state.atlas)
-            stage.advance(note=f"{state.paths} paths per texel")
+            made = chart(
+                state.scene, size, mips, state.paths, seed, keep=keep, atlas=state.atlas, gathers=state.gathers
+            )
+            stage.advance(note=_texel_paths(state))
             eyes = state.part.get("lightmap.views", lambda: _still_samples(state, made), VIEWS)
             stage.advance(note=f"{state.eyes} eye samples")
         return with_lamps(state, made, eyes) if state.lamps else StillSamples(made, eyes)
@@ -181,7 +189,7 @@ class LightmapField:
             if error <= budget.error or (state.paths >= MOST_PATHS and state.eyes >= MOST_EYES):
                 break
             state.round, state.paths = state.round + 1, min(2 * state.paths, MOST_PATHS)
-            state.eyes = min(2 * state.eyes, MOST_EYES)
+            state.gathers, state.eyes = min(2 * state.gathers, MOST_PATHS), min(2 * state.eyes, MOST_EYES)
             fit = self._fit_once(state, role, self.sample(state, role))
         if (error := held.error(fit)) > budget.error:
             state.job.progress.say(
@@ -204,7 +212,7 @@ class LightmapField:
                 return FittedLightmap(state, role, made, state.eyes * EYE_PATHS, perf_counter() - start)
             fit = _fit_still(state, samples)
             stage.advance()
-        paths = len(samples.chart.texels.index) * state.paths + state.eyes * EYE_PATHS
+        paths = len(samples.chart.texels.index) * (state.paths + state.gathers) + state.eyes * EYE_PATHS
         made = FittedLightmap(state, role, fit, paths, perf_counter() - start, samples.chart)
         return replace(made, lamp_facts=lamp_errors(made))
 
@@ -250,8 +258,8 @@ def _lay_out(state: LightmapState, limits: AtlasLimits) -> None:
     make = partial(_atlas, scene, options, preset, sides, limits, deadline)
     # A packing that was ended by the time is kept for a resumed bake; one of groups takes no time and much space.
     choice = make() if triangle_groups(scene).count else part.get("lightmap.atlas", make, ATLASES)
-    found = part.get("lightmap.counts", lambda: list(_counts(choice, limits, state)), JSON)
-    state.paths, state.eyes, smaller = found
+    found = part.get("lightmap.path-counts", lambda: list(_counts(choice, limits, state)), JSON)
+    state.paths, state.gathers, state.eyes, smaller = found
     state.atlas = choice.smaller if smaller and choice.smaller else choice.first
     fewer(state)
 
@@ -272,16 +280,16 @@ def _atlas(
     return AtlasChoice(atlas if preset.base else replace(atlas, size=min(size, COARSE)))
 
 
-def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> tuple[int, int, bool]:
-    """Paths per texel, number of radiance samples, and whether the smaller atlas serves; with ``--shards`` they are
-    fixed.
+def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> tuple[int, int, int, bool]:
+    """Full and gathered paths per texel (see ``chart``), number of radiance samples, and whether the smaller atlas
+    serves; with ``--shards`` they are fixed.
     """
     request, preset, scene = state.job.request, state.preset, state.scene
     if request.shards:
-        return request.paths, request.shards * request.lights_per_shard * POINTS_PER_LIGHT, False
+        return request.paths, 0, request.shards * request.lights_per_shard * POINTS_PER_LIGHT, False
     own_light, first = "static" in state.roles, texels(scene, choice.first)
     state.rate = path_rate(scene, state.variable, request.seed, own_light).short
-    rate = _texel_rate(state, choice.first, first)
+    rate = _texel_rate(partial(irradiance, scene), choice.first, first, request.seed)
     seconds = learning_seconds(request.budget, state.job.work.elapsed)
     share = TEXEL_SHARE if preset.base else BARE_TEXEL_SHARE
     # Each role takes its shares of a part of the time.
@@ -294,7 +302,15 @@ def _counts(choice: AtlasChoice, limits: AtlasLimits, state: LightmapState) -> t
         paths, smaller = paths * area[0] / area[1], True
     eye_share = EYE_SHARE + TEXEL_SHARE - share if preset.hidden else 0.0
     eyes = int(np.clip(eye_share * seconds * rate / EYE_PATHS, FEWEST_EYES, MOST_EYES))
-    return int(np.clip(paths, FEWEST_PATHS, MOST_PATHS)) // 2 * 2, eyes, smaller
+    paths = int(np.clip(paths, FEWEST_PATHS, MOST_PATHS)) // 2 * 2
+    if not preset.base or not own_light or state.lamps or media_meshes(scene).any():
+        return paths, 0, eyes, smaller
+    nothing = np.zeros((choice.first.size, choice.first.size, 3), np.float32)
+    known = known_arrays(scene, choice.first, nothing, matte(scene), scattered=True)
+    gather = lambda points, paths, seed, _: gathered_irradiance(scene, points, known, paths, seed)  # noqa: E731
+    faster = _texel_rate(gather, choice.first, first, request.seed) / rate
+    gathers = int(min((1 - FIRST_SHARE) * faster * paths, MOST_PATHS)) // 2 * 2
+    return paths, gathers if faster >= WORTH_GATHERING else 0, eyes, smaller
 
 
 def role_part(roles: Sequence[Role], preset: LightmapPreset) -> float:
@@ -314,17 +330,25 @@ def role_part(roles: Sequence[Role], preset: LightmapPreset) -> float:
     return 1 / sum(1.0 if role == "static" else moving for role in roles)
 
 
-def _texel_rate(state: LightmapState, atlas: Atlas, covered: Texels) -> float:
+def _texel_rate(
+    trace: Callable[[SurfacePoints, int, int, Recipe], Any], atlas: Atlas, covered: Texels, seed: int
+) -> float:
     """Measure the paths per second at texels."""
     rows = np.arange(0, len(covered.index), max(8, len(covered.index) // TIMED_TEXELS))
     seconds = np.inf
     for timed in (rows[:WARM_TEXELS], rows):
         # The first call compiles.
         start = perf_counter()
-        probe, recipe = covered.points[timed], texel_points(atlas, len(covered.index), timed)
-        irradiance(state.scene, probe, TIMED_PATHS, state.job.request.seed + 9, recipe)
+        trace(covered.points[timed], TIMED_PATHS, seed + 9, texel_points(atlas, len(covered.index), timed))
         seconds = perf_counter() - start
     return len(rows) * TIMED_PATHS / max(seconds, 1e-6)
+
+
+def _texel_paths(state: LightmapState) -> str:
+    """Say how the light at texels is traced."""
+    if not state.gathers:
+        return f"{state.paths} paths per texel"
+    return f"{int(FIRST_SHARE * state.paths)} full and {state.gathers} gathered paths per texel"
 
 
 def _still_samples(state: LightmapState, made: AtlasIrradiance) -> ViewSamples:

@@ -13,7 +13,7 @@ import numpy as np
 from lightwell.fields.lightmap.media import media_meshes
 from lightwell.fields.lightmap.seams import seam_pairs
 from lightwell.fields.lightmap.trace import AtlasIrradiance
-from lightwell.fields.lightmap.views import eye_points
+from lightwell.fields.lightmap.views import eye_points, joined
 from lightwell.fields.surface.lamps import facts_of_states, state_matrix
 from lightwell.networks.losses import EPSILON
 from lightwell.scenes.lamps import LampGroup
@@ -113,11 +113,9 @@ def eye_rows(scene: Scene, made: AtlasIrradiance, count: int, seed: int, across:
     Returns:
         The points, in the order of the samples.
     """
-    points = eye_points(scene, count, seed)[0]
+    points = eye_points(scene, count, seed, made)[0]
     pairs = seam_pairs(scene, made, max(across // 2, 1), seed + 2) if across else None
-    parts = [points] if pairs is None else [points, pairs.one, pairs.one]
-    columns = [np.concatenate([getattr(p, name) for p in parts]) for name in ("shape", "triangle", "barycentric")]
-    return SurfacePoints(*columns, np.concatenate([p.view for p in parts]))
+    return points if pairs is None else joined([points, pairs.one, pairs.one])
 
 
 def check_lamps(scene: Scene) -> None:

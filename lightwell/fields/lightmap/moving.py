@@ -11,7 +11,7 @@ import numpy as np
 from lightwell.core.work import WorkPart
 from lightwell.fields.base import FieldSetup
 from lightwell.fields.lightmap.fit import MOVING, LightmapFit
-from lightwell.fields.lightmap.views import ViewSamples, towards_eyes
+from lightwell.fields.lightmap.views import ViewSamples, on_texels, towards_eyes
 from lightwell.scenes.atlas import Atlas
 from lightwell.scenes.executor import Arrays, Inputs, Recipe
 from lightwell.scenes.placing import sample_lights
@@ -43,14 +43,14 @@ def moving_samples(scene: Scene, atlas: Atlas, variable: Variable, count: int, p
     points, light, drawn_weight = _drawn(scene, variable, count, seed)
     recipe = Recipe("moving-points", {"variable": to_json(variable), "count": count, "seed": seed})
     a, b = indirect(scene, points, light, variable, paths, seed, recipe=recipe)
-    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1) & on_texels(scene, atlas, points)
     weight = np.where(good, drawn_weight, 0).astype(np.float32)
     return ViewSamples(query_of_lightmap(scene, atlas, points, light), np.nan_to_num(a), np.nan_to_num(b), weight)
 
 
 def _drawn(scene: Scene, variable: Variable, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray, np.ndarray]:
     """Points with their views, their lights [N, 3] and weights [N]."""
-    draw = draw_surface(scene, count, seed, floor=64)
+    draw = draw_surface(scene, count, seed, floor=64, shown=True)
     points = towards_eyes(scene, draw.points, seed)
     lights = sample_lights(scene, variable, -(-count // POINTS_PER_LIGHT), seed)
     return points, lights.repeat(POINTS_PER_LIGHT, axis=0)[: len(points)], draw.weight

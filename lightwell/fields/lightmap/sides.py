@@ -42,6 +42,11 @@ ROUND_PATHS = 1 << 24
 ROOMY, LIFTED = 0.02, 1e-4
 # Least cosine between the normals of triangles of a flat part.
 FLAT = 0.9
+# Somebody may stand where nothing is nearer than this, metres; at least and at most these shares of the core's extent,
+# for scenes in other units.
+STANDING, LEAST_STANDING, MOST_STANDING = 0.3, 0.01, 0.05
+# Places of each kind from which sides are looked for.
+PLACES = 4096
 # How far around a flat scene it is looked at from, in extents of its core.
 FLAT_AROUND = 0.5
 # Points of this search over the whole scene; each side gets two at least.
@@ -246,7 +251,7 @@ def faint_sides(scene: Scene, lit: np.ndarray, seed: int) -> np.ndarray:
         row = np.repeat(np.arange(len(side)), RAYS_PER_SIDE)
         u, v = np.random.default_rng([seed, 0xFA17]).random((2, len(row)))
         place = np.stack([np.sqrt(u) * (1 - v), np.sqrt(u) * v], axis=1).astype(np.float32)
-        seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed)
+        seen = reject(scene, side_points(scene, triangle[row], side[row], place), seed=seed, buried=False)
         few = np.bincount(row, weights=seen, minlength=len(side)) < LITTLE * RAYS_PER_SIDE
         faint[side[few], triangle[few]] = True
     return faint
@@ -273,7 +278,7 @@ def sides_in_sight(scene: Scene, seed: int) -> np.ndarray:
         side, triangle = np.nonzero(~seen & tested)
     if len(side):
         points, row = spread(scene, side, triangle, VISIBILITY_RAYS, seed)
-        found = row[reject(scene, points, seed=seed)]
+        found = row[reject(scene, points, seed=seed, buried=False)]
         seen[side[found], triangle[found]] = True
     seen = groups.spread(seen)
     drawn = seen & ~culled_sides(scene)
@@ -344,9 +349,9 @@ def _met(scene: Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Sample points in the free air, in the half of it that is farther from surfaces: as many in the part of the scene
-    that is looked at as in all of it, of which a room under a sky dome is nothing. Those of a flat scene, which has no
-    air of its own, are around it.
+    """Sample points in the free air: in the half of it that is farther from surfaces, as many in the part of the scene
+    that is looked at as in all of it, of which a room under a sky dome is nothing; and wherever somebody may stand, of
+    which rooms below large ground are a small part. Those of a flat scene, which has no air of its own, are around it.
 
     Args:
         scene: The scene.
@@ -359,12 +364,17 @@ def free_places(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
     air, found = free_air(scene), []
     for low, high in (scene.bounds, scene.core):
-        places = low + (high - low) * rng.random((4096, 3))
+        places = low + (high - low) * rng.random((PLACES, 3))
         distance = air.distance(places)
         found.append(places[distance > np.quantile(distance, 0.5)].astype(np.float32))
+    low, high = scene.core
+    places = low + (high - low) * rng.random((2 * PLACES, 3))
+    space = float(np.clip(STANDING, LEAST_STANDING * scene.core_extent, MOST_STANDING * scene.core_extent))
+    if len(places := places[air.accepts(places, space)]):
+        found.append(rng.choice(places, PLACES // 2).astype(np.float32))
     if not any(map(len, found)):
         around = FLAT_AROUND * scene.core_extent
-        places = scene.core[0] - around + (np.ptp(scene.core, axis=0) + 2 * around) * rng.random((4096, 3))
+        places = low - around + (high - low + 2 * around) * rng.random((PLACES, 3))
         found.append(places.astype(np.float32))
     return np.concatenate(found)
 

@@ -36,6 +36,8 @@ class LightmapState(State):
     atlas: Atlas = field(init=False)
     paths: int = 0
     """Paths per texel."""
+    gathers: int = 0
+    """Paths per texel that end at known light; 0: all paths are full."""
     eyes: int = 0
     """Number of samples of radiance towards views."""
     rate: float = RATE
@@ -55,6 +57,8 @@ class LightmapState(State):
         counts: dict[str, Any] = {"size": self.atlas.size, "paths": self.paths, "eyes": self.eyes, "round": self.round}
         if self.lamps:
             counts["lamps"] = [[group.name, *group.emitters] for group in self.lamps]
+        if self.gathers:
+            counts["gathers"] = self.gathers
         if self.preset.codec != DEFAULT.codec:
             counts["codec"] = f"{self.preset.base} {self.preset.codec}"
         return self.job.work.part(field="lightmap", **counts)
@@ -116,6 +120,7 @@ class FittedLightmap:
         return {
             "size": self.state.size,
             "texel_paths": texel_paths,
+            "texel_gathers": self.state.gathers if self.chart else 0,
             "eye_samples": self.state.eyes,
             "steps": self.training.steps,
         }

@@ -7,20 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 
-from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated
+from lightwell.fields.lightmap.atlas_images import SMALL, denoised, dilated, partly_denoised
 from lightwell.fields.lightmap.behind_walls import behind_walls, in_rooms, under_bodies
 from lightwell.fields.lightmap.media import media_meshes, volumetric
 from lightwell.fields.lightmap.nodes import DIELECTRIC
 from lightwell.fields.lightmap.sides import TriangleSides, lit_sides, matte
 from lightwell.fields.lightmap.square import atlas_of
 from lightwell.scenes.atlas import Atlas, padding
-from lightwell.scenes.executor import Recipe
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
+from lightwell.transport.gather import gathered_irradiance, known_arrays
 from lightwell.transport.irradiance import Irradiance, irradiance
 from lightwell.transport.point_rejection import reject
 from lightwell.transport.queries import make_query
@@ -29,6 +30,12 @@ from lightwell.transport.texels import Texels, texel_points, texels
 
 # Texels of charts too narrow to be denoised get at most so many times the paths, and all of them so many of all paths.
 NARROW_PATHS, NARROW_SHARE = 8, 0.75
+# Paths do not end where E' of a texel or its neighbours is so many times the mean, and so many times that of another
+# neighbour.
+PEAK, UNEVEN = 5.0, 1.5
+# Share of the full paths that make the light at which gathered paths end; largest relative difference of their mean and
+# that of gathered paths, above which the other full paths are traced.
+FIRST_SHARE, MOST_BIAS = 0.25, 0.05
 # Texels darker than this share of the mean are stored only if they are visible.
 BLACK = 0.02
 # Surfaces darker than this keep the light of the surface tracer.
@@ -67,6 +74,7 @@ def chart(
     sides: TriangleSides | None = None,
     keep: Callable[[Callable[[], Irradiance]], Irradiance] | None = None,
     atlas: Atlas | None = None,
+    gathers: int = 0,
 ) -> AtlasIrradiance:
     """Make an atlas and trace the irradiance at its texels.
 
@@ -74,12 +82,14 @@ def chart(
         scene: The scene.
         size: Texels along the edge.
         mips: Levels of the mip chain.
-        paths: Paths per texel, even, ≥ 2.
+        paths: Full paths per texel, even, ≥ 2.
         seed: Seed of the sampler.
         own: Whether second texture coordinates of the scene's file may serve as the atlas.
         sides: Sides to store; None: the lit ones.
         keep: Reads the irradiance of an interrupted bake, or makes and writes it; None: it is made.
         atlas: Atlas of an earlier call; None: it is made.
+        gathers: Paths per texel, even, that end where the light of a quarter of the full paths is known, and take the
+            place of the others; 0: none.
 
     Returns:
         Atlas and irradiance.
@@ -88,24 +98,77 @@ def chart(
         sides = lit_sides(scene, seed) if sides is None else sides
         atlas = atlas_of(scene, size, mips, sides, own)
     covered = texels(scene, atlas)
-    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, atlas, covered, paths, seed + 1))
+    light = (keep or (lambda make: make()))(lambda: _everywhere(scene, atlas, covered, paths, gathers, seed + 1))
     glossy = ~matte(scene)[covered.points.shape]
     return AtlasIrradiance(atlas, covered, light, stored_texels(scene, atlas, covered, light, seed), glossy)
 
 
-def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, seed: int) -> Irradiance:
+def _everywhere(scene: Scene, atlas: Atlas, covered: Texels, paths: int, gathers: int, seed: int) -> Irradiance:
+    """Irradiance / π at all texels: by full paths, then by paths that end where the light of these is known."""
+    trace = partial(_arriving, scene)
+    if not gathers or media_meshes(scene).any():
+        return _with_narrow(trace, atlas, covered, paths, seed)
+    first_paths = max(int(FIRST_SHARE * paths) // 2 * 2, 2)
+    light = _with_narrow(trace, atlas, covered, first_paths, seed)
+    glossy = ~matte(scene)[covered.points.shape]
+    first = AtlasIrradiance(atlas, covered, light, stored_texels(scene, atlas, covered, light, seed), glossy)
+    known = known_arrays(scene, atlas, first.image, matte(scene), uneven_peaks(first), scattered=True)
+    better = _with_narrow(partial(_gathered, scene, known), atlas, covered, gathers, seed + 0x6A7)
+    better = replace(better, wrong=light.wrong)
+    # Where nearly all light comes from places that texels do not resolve, full paths go on.
+    counted = first.stored & np.isfinite(better.mean).all(axis=1)
+    share = better.mean[counted].mean() / max(float(light.mean[counted].mean()), 1e-30) if counted.any() else 1.0
+    if abs(share - 1) <= MOST_BIAS:
+        return better
+    rest = max(paths - first_paths, 2)
+    return _joined(light, _with_narrow(trace, atlas, covered, rest, seed + 0x3F1), rest / first_paths)
+
+
+def _with_narrow(
+    trace: Callable[[SurfacePoints, int, int, Recipe], Irradiance], atlas: Atlas, covered: Texels, paths: int, seed: int
+) -> Irradiance:
     """Irradiance / π at all texels; narrow charts, which the filter cannot denoise, get more paths."""
-    light = _arriving(scene, covered.points, paths, seed, texel_points(atlas, len(covered.index)))
+    light = trace(covered.points, paths, seed, texel_points(atlas, len(covered.index)))
     rows = np.flatnonzero(narrow(covered))
     more = _narrow_factor(len(covered.index), len(rows))
     if more < 2:
         return light
     recipe = texel_points(atlas, len(covered.index), rows)
-    better = _arriving(scene, covered.points[rows], paths * more, seed + 0x7A1, recipe)
+    better = trace(covered.points[rows], paths * more, seed + 0x7A1, recipe)
     columns = {name: getattr(light, name).copy() for name in ("half_a", "half_b", "direction", "wrong")}
     for name, column in columns.items():
         column[rows] = getattr(better, name)
     return replace(light, **columns)
+
+
+def _gathered(scene: Scene, known: Arrays, points: SurfacePoints, paths: int, seed: int, recipe: Recipe) -> Irradiance:
+    """Irradiance / π at points by paths that end where it is known; the points are sent to workers with the light."""
+    (a, b), direction = gathered_irradiance(scene, points, known, paths, seed)
+    return Irradiance(a, b, direction, np.zeros(len(points), np.float32))
+
+
+def _joined(one: Irradiance, other: Irradiance, times: float) -> Irradiance:
+    """The mean of two estimates, the second of so many times the paths."""
+    part = 1 / (1 + times)
+    names = ("half_a", "half_b", "direction", "wrong")
+    return Irradiance(*(part * getattr(one, n) + (1 - part) * getattr(other, n) for n in names))
+
+
+def uneven_peaks(made: AtlasIrradiance) -> np.ndarray:
+    """Find bright texels whose light changes much from one to the next: close to a lamp, texels do not resolve it.
+
+    Args:
+        made: Atlas and irradiance.
+
+    Returns:
+        [n, n] bool.
+    """
+    image = made.image.mean(axis=2)
+    covered = made.texels.chart >= 0
+    high = maximum_filter(np.where(covered, image, 0), 3)
+    low = minimum_filter(np.where(covered, image, np.inf), 3)
+    bright = high > PEAK * image.reshape(-1)[made.texels.index][made.stored].mean()
+    return maximum_filter(covered & bright & (high > UNEVEN * low), 3)
 
 
 def _narrow_factor(texels: int, narrow: int) -> int:
@@ -218,10 +281,10 @@ def stored_texels(scene: Scene, atlas: Atlas, covered: Texels, light: Irradiance
     black = BLACK * brightness[stored].mean()
     dark = np.flatnonzero(stored & (brightness < black))
     if len(dark):
-        stored[dark] = reject(scene, covered.points[dark], seed=seed)
+        stored[dark] = reject(scene, covered.points[dark], seed=seed, buried=False)
         hidden = dark[~stored[dark]]
         hidden = hidden[in_rooms(scene, covered.points[hidden])]
-        stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False)
+        stored[hidden] = reject(scene, covered.points[hidden], seed=seed, walks=False, buried=False)
         stored &= ~behind_walls(scene, atlas, covered, np.nan_to_num(brightness), stored, black, seed)
     return stored & ~under_bodies(scene, covered, np.nan_to_num(brightness), stored, seed)
 
@@ -248,6 +311,10 @@ def light_image(made: AtlasIrradiance, clean: bool = True, values: np.ndarray | 
     image = dilated(image, valid, padding(made.atlas.mips))
     if clean:
         image = denoised(image, chart_of, padding(made.atlas.mips))
+        if values is None:
+            halves = np.zeros((2, n * n, 3), np.float32)
+            halves[:, made.texels.index] = made.light.half_a, made.light.half_b
+            image = partly_denoised(*halves.reshape(2, n, n, 3), image, valid)
         image = dilated(image, valid, padding(made.atlas.mips))
     return image
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from lightwell.transport.radiance import static
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.surface import SurfaceDraw, draw_surface
 from lightwell.transport.tables import tables
+from lightwell.transport.visible import seen_side
+
+Rows = TypeVar("Rows", LightmapQuery, SurfacePoints)
 
 # Points of a scene without glossy surfaces.
 FEW_EYES = 1 << 12
@@ -35,6 +38,8 @@ FEW_EYES = 1 << 12
 MEDIA_PATHS = 4
 # Shares of view directions: towards likely camera positions, the rest as ``draw_surface`` distributes them.
 TOWARDS_EYES = 0.5
+# Share of the points that lie evenly on the texels: rooms into which no light finds its way have few or none others.
+ON_TEXELS = 0.125
 
 
 @dataclass(frozen=True)
@@ -65,17 +70,17 @@ class ViewSamples:
         return ViewSamples(joined([self.query, other.query]), a, b, weight)
 
 
-def joined(queries: Sequence[LightmapQuery]) -> LightmapQuery:
-    """Concatenate queries.
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Concatenate queries or surface points.
 
     Args:
-        queries: One or more queries.
+        parts: One or more, all of one type.
 
     Returns:
         All rows, in order.
     """
-    names = columns_of(queries[0])
-    return LightmapQuery(**{n: np.concatenate([getattr(q, n) for q in queries]) for n in names})
+    names = columns_of(parts[0])
+    return type(parts[0])(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
 
 
 def eye_samples(
@@ -97,7 +102,8 @@ def eye_samples(
     Returns:
         The samples.
     """
-    points, odds = eye_points(scene, count, seed)
+    # Workers of a cluster, which trace the paths of a map without irradiance, know the points by their seed alone.
+    points, odds = eye_points(scene, count, seed, None if known is None else made)
     if media_meshes(scene).any():
         a, b = volumetric(scene, points, paths * MEDIA_PATHS, seed)
     elif known is None:
@@ -106,10 +112,26 @@ def eye_samples(
         a, b = corrected(scene, made.atlas, points, known, paths, seed)
     good = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     query = query_of_lightmap(scene, made.atlas, points)
-    good &= ~tables(scene).clear[points.shape] & (query.uv1 != NOWHERE).any(axis=1)
+    # A side that is not stored reads texels of another place: it would teach them light that is not theirs.
+    good &= ~tables(scene).clear[points.shape] & on_texels(scene, made.atlas, points)
     # What has many texels is looked at: a sky dome must not outweigh a room.
     weight = np.where(good, odds * texels_per_area(scene, made.atlas)[points.shape], 0).astype(np.float32)
     return ViewSamples(query, np.nan_to_num(a), np.nan_to_num(b), weight)
+
+
+def on_texels(scene: Scene, atlas: Atlas, points: SurfacePoints) -> np.ndarray:
+    """Test whether the sides on which points are seen have texels of their own.
+
+    Args:
+        scene: The scene.
+        atlas: Its atlas.
+        points: N surface points.
+
+    Returns:
+        [N] bool.
+    """
+    triangle = tables(scene).first[points.shape] + points.triangle
+    return atlas.chart[seen_side(scene, points), triangle] >= 0
 
 
 def texels_per_area(scene: Scene, atlas: Atlas) -> np.ndarray:
@@ -146,8 +168,13 @@ def plain_samples(scene: Scene, made: AtlasIrradiance, count: int, seed: int) ->
     """
     rng = np.random.default_rng([seed, 0x91A1])
     points = made.texels.points[rng.integers(len(made.texels.index), size=count)]
-    view = cosine_directions(points.view, rng.random((2, count))).astype(np.float32)
-    return query_of_lightmap(scene, made.atlas, SurfacePoints(points.shape, points.triangle, points.barycentric, view))
+    return query_of_lightmap(scene, made.atlas, _seen_anywhere(points, rng))
+
+
+def _seen_anywhere(points: SurfacePoints, rng: np.random.Generator) -> SurfacePoints:
+    """Points with random views about the old ones, which are the normals."""
+    view = cosine_directions(points.view, rng.random((2, len(points)))).astype(np.float32)
+    return replace(points, view=view)
 
 
 def eye_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:
@@ -164,24 +191,38 @@ def eye_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inp
     return Inputs(columns_of(eye_points(scene, **settings)[0]))
 
 
-def eye_points(scene: Scene, count: int, seed: int) -> tuple[SurfacePoints, np.ndarray]:
+def eye_points(
+    scene: Scene, count: int, seed: int, made: AtlasIrradiance | None = None
+) -> tuple[SurfacePoints, np.ndarray]:
     """Draw the points of ``eye_samples``: on glossy meshes, a few on all meshes where none of them is visible.
 
     Args:
         scene: The scene.
         count: Number of points.
         seed: Seed of the sampler; the same seed gives the same points.
+        made: Atlas and irradiance, of which the texels get a share of the points; None: none.
 
     Returns:
-        Points with views, and their [N] weights.
+        Points with views, and their [N] weights relative to area-uniform sampling.
     """
     wanted = ~matte(scene) & ~tables(scene).clear
     draw: SurfaceDraw | None = None
     if wanted.any():
         with suppress(ValueError):
-            draw = draw_surface(scene, count, seed, floor=count, only=wanted)
-    draw = draw or draw_surface(scene, FEW_EYES, seed, floor=64)
-    return towards_eyes(scene, draw.points, seed), draw.weight
+            draw = draw_surface(scene, count, seed, floor=count, only=wanted, shown=True)
+    draw = draw or draw_surface(scene, FEW_EYES, seed, floor=64, shown=True)
+    points, odds = draw.points, draw.weight
+    rows = np.flatnonzero(made.glossy & made.stored) if made is not None else np.zeros(0, np.int64)
+    if len(rows):
+        count = int(ON_TEXELS * len(points))
+        drawn = np.random.default_rng([seed, 0x7E0]).integers(len(rows), size=count)
+        places = _seen_anywhere(made.texels.points[rows[drawn]], np.random.default_rng([seed, 0x7E1]))
+        density = texels_per_area(scene, made.atlas)
+        level = np.average(density[points.shape], weights=odds)
+        points = joined([points[np.arange(len(points) - count)], places])
+        # Meshes that share one texel have none of their own, and no weight.
+        odds = np.concatenate([odds[: len(odds) - count], level / np.maximum(density[places.shape], 1e-6 * level)])
+    return towards_eyes(scene, points, seed), odds.astype(np.float32)
 
 
 def corrected(
