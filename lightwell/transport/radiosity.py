@@ -43,12 +43,8 @@ from lightwell.transport.tables import tables
 PROBES, PROBE_POINTS = 16, 1 << 16
 # Rays that look for places on the bins which lamps light.
 LIT_PLACES = 1 << 20
-# Paths of a bin, and their length: with the way from the lamp and to the point, that of the longest traced paths. White
-# surfaces with gloss reflect up to twice what they receive in some directions, 1.08 times on average. Paths between
-# them must not count ever more (nor be ended by chance where they lose nothing, so that others count more): single
-# bins had a hundred times their light. They count at most so many times as much as at their begin (4: 1.4 % of the
-# light between bins is lost in the white rooms of bakedgi-building; 2: 13 %).
-BIN_PATHS, MOST_BOUNCES, MOST_GAIN = 64, MAX_DEPTH - 3, 4.0
+# Paths of a bin, and their length: with the way from the lamp and to the point, that of the longest traced paths.
+BIN_PATHS, MOST_BOUNCES = 64, MAX_DEPTH - 3
 # Where fewer than this share of the paths is left, a launch costs more than they are worth: then fewer go on, which
 # count so many times as much. They must not count more at each bounce: that would be spots of light.
 FEW, FEW_COUNT = 0.1, 4
@@ -180,21 +176,17 @@ class Radiosity:
         for start in range(0, len(place), LANES):
             p, n = place[start : start + LANES], normal[start : start + LANES]
             row, part = np.arange(start, start + len(p)) // BIN_PATHS, np.full((len(p), 3), 1 / BIN_PATHS)
-            few = FEW * len(p)
+            begun = len(p)
             for bounce in range(MOST_BOUNCES):
                 met, weight, p, n = self._next_bounce(p, n, random, MOST_BOUNCES * start + bounce)
-                # Paths that go on count as much as at their begin, or FEW_COUNT times as much.
-                count = BIN_PATHS if len(row) > few else BIN_PATHS / FEW_COUNT
                 part *= weight
-                part /= np.maximum(part.max(axis=1, keepdims=True) * count / MOST_GAIN, 1)
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
-                chance = np.minimum(count * part.max(axis=1), 1)
-                goes_on = random.random(len(row)) < chance
-                if not goes_on.any():
+                copies, each = _copies(BIN_PATHS * part.max(axis=1), begun, random)
+                if not copies.any():
                     break
-                row, part = row[goes_on], part[goes_on] / chance[goes_on, None]
-                p, n = p[goes_on], n[goes_on]
+                part /= np.maximum(part.max(axis=1, keepdims=True), 1e-30) * (BIN_PATHS / each)
+                row, part, p, n = (v.repeat(copies, axis=0) for v in (row, part, p, n))
         return tuple(np.concatenate(x) for x in zip(*parts))
 
     def _next_bounce(self, place: np.ndarray, normal: np.ndarray, random: np.random.Generator, stream: int):
@@ -283,6 +275,26 @@ class Radiosity:
                 part = slice(start, start + LIGHTS_AT_ONCE)
                 out[part, :-1, c] = (transfer @ np.ascontiguousarray(of_channel[part].T)).T
         return out
+
+
+def _copies(weight: np.ndarray, begun: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
+    """How many copies of each path go on, and what each of them counts.
+
+    White surfaces with gloss reflect up to twice what they receive in some directions, 1.08 times on average. A path
+    that meets them again and again would count a hundred times: it is split, so that all paths count the same, as much
+    as at their begin. They count more, all of them, where there would be more paths than then, or few.
+
+    Args:
+        weight: [R] weights, of what a path counts at its begin.
+        begun: Paths at the begin.
+        random: Random numbers.
+
+    Returns:
+        [R] copies, and the weight of each.
+    """
+    total = weight.sum()
+    each = max(total / begun, 1.0) if total > FEW * begun else FEW_COUNT
+    return np.floor(weight / each + random.random(len(weight))).astype(np.int64), each
 
 
 def radiosity_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
