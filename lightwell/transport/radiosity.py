@@ -182,7 +182,7 @@ class Radiosity:
                 part *= weight
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
-                copies, each = _copies(BIN_PATHS * part.max(axis=1), begun, random)
+                copies, each = copies_of_paths(BIN_PATHS * part.max(axis=1), begun, random)
                 if not copies.any():
                     break
                 part /= np.maximum(part.max(axis=1, keepdims=True), 1e-30) * (BIN_PATHS / each)
@@ -277,8 +277,8 @@ class Radiosity:
         return out
 
 
-def _copies(weight: np.ndarray, begun: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
-    """How many copies of each path go on, and what each of them counts.
+def copies_of_paths(weight: np.ndarray, begun: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Choose how many copies of each path go on, and what each of them counts.
 
     White surfaces with gloss reflect up to twice what they receive in some directions, 1.08 times on average. A path
     that meets them again and again would count a hundred times: it is split, so that all paths count the same, as much

@@ -12,7 +12,7 @@ from lightwell.transport.bins import PLACES, find_bins, parted
 from lightwell.transport.gather_sums import DeviceRows, Gather
 from lightwell.transport.gathered_shards import GatheredShards
 from lightwell.transport.paths import MAX_DEPTH
-from lightwell.transport.radiosity import Radiosity
+from lightwell.transport.radiosity import Radiosity, copies_of_paths
 from lightwell.transport.seen import draw_seen
 from lightwell.transport.seen_shards import GatherSize
 from lightwell.transport.shards import ShardSettings
@@ -45,6 +45,23 @@ def test_gathered_light_is_that_of_paths(gathered):
     found = 0.5 * (a + b)
     assert found.mean(axis=0) == pytest.approx(truth.mean(axis=0), rel=0.06)
     assert np.median(np.abs(found - truth).mean(axis=1) / (truth.mean(axis=1) + 0.01)) < 0.1
+
+
+@pytest.mark.parametrize("gain", [1.2, 0.6, 0.05])
+def test_paths_that_are_split_or_ended_count_as_much_as_before(gain):
+    # 40,000 paths that count much or little; their mean grows, falls, or leaves few of them.
+    random = np.random.default_rng(0)
+    weight = gain * random.gamma(0.5, 2.0, 40_000)
+    copies, each = copies_of_paths(weight, len(weight), random)
+    assert copies.sum() <= 1.01 * len(weight) and each >= 1
+    assert copies.sum() * each == pytest.approx(weight.sum(), rel=0.02)
+    bright = weight > 4 * gain
+    assert (copies * each)[bright].sum() == pytest.approx(weight[bright].sum(), rel=0.04)
+
+
+def test_paths_that_count_nothing_end():
+    copies, _ = copies_of_paths(np.zeros(8), 8, np.random.default_rng(0))
+    assert not copies.any()
 
 
 def test_the_halves_are_independent_means(gathered):
