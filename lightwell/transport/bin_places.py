@@ -73,6 +73,7 @@ class BinPlaces:
         """
         first, place, normal = self._device
         start = dr.gather(mi.UInt32, first, index)
-        have = dr.gather(mi.UInt32, first, index + 1) - start
+        # Lanes behind the last one, which fill up a vector, have no places: a division by 0 would end the process.
+        have = dr.maximum(dr.gather(mi.UInt32, first, index + 1) - start, 1)
         at = start + dr.select(have < count, k % have, mi.UInt32(mi.Float(k) * mi.Float(have) / count))
         return dr.gather(mi.Vector3f, place, at), dr.gather(mi.Vector3f, normal, at)
