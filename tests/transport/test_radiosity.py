@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lightwell.backend import dr, mi
 from lightwell.transport import draw_surface, indirect
 from lightwell.transport.bins import PLACES, find_bins, parted
 from lightwell.transport.gather_sums import DeviceRows, Gather
@@ -237,3 +238,43 @@ def test_walls_that_reflect_all_light_are_no_spots():
     walls = rooms.room_walls()
     even = light_of_even_light(rooms.build("white", walls, [{"type": "twosided", "bsdf": white}] * len(walls)))
     assert even.max() < 3 * np.median(even)
+
+
+def test_a_lamp_beside_a_wall_lights_its_bins_by_many_places(cornell):
+    # Bins of half a metre, lamps 15 cm in front of the back wall: one place of a bin decided how much light there is.
+    from lightwell.scenes.variables import PointLight
+
+    light = PointLight((-0.8, 0.2, -0.9), (0.8, 1.8, -0.8), 0.1)
+    lamps = np.float32([[x, y, -0.85] for x in (-0.6, -0.2, 0.2, 0.6) for y in (0.9, 1.5)])
+    points = draw_surface(cornell, 8192, 1).points
+    radiosity = Radiosity(cornell, points, 0, 128)
+    few = points[:256]
+    gather = Gather(DeviceRows(radiosity.rows(few, 128, 2)), radiosity.light(light, lamps, 3).irradiance)
+    at = np.tile(np.arange(256), len(lamps)), np.arange(len(lamps)).repeat(256)
+    found = np.mean(gather(*at), axis=0).reshape(len(lamps), -1).mean(axis=1)
+    truth = np.array([np.mean(indirect(cornell, few, lamp, light, 512, 4)) for lamp in lamps])
+    ratio = found / truth
+    assert np.abs(np.log(ratio)).max() < 0.3
+
+
+def test_under_the_open_sky_bins_are_found_for_all_that_is_met():
+    ground = rooms.quad("ground", (-60, 0, -60), (0, 0, 120), (120, 0, 0))
+    boxes = [
+        rooms.box(f"box {i} {k}", (10 * i, 0, 10 * k), (10 * i + 1, 1, 10 * k + 1))
+        for i in range(-5, 5)
+        for k in range(-5, 5)
+    ]
+    scene = rooms.build("field", [ground, *boxes], [rooms.diffuse(rooms.WHITE)] * 101)
+    points = draw_surface(scene, 8192, 1).points
+    radiosity = Radiosity(scene, points, 0, 4096)
+    rows = radiosity.rows(points, 64, 2)
+    met = rows.weight.max(axis=2) > 0
+    assert (rows.bin[met] < radiosity.bins.count).mean() > 0.9
+
+
+def test_places_of_bins_are_chosen_in_launches_of_any_size(cornell):
+    # A vector of lanes that the last ones do not fill.
+    radiosity = Radiosity(cornell, draw_surface(cornell, 1024, 1).points, 0, 64)
+    for lanes in (1, 3, 9):
+        place, _ = radiosity.places.spread(mi.UInt32(np.zeros(lanes, np.uint32)), dr.arange(mi.UInt32, lanes), 1 << 20)
+        assert np.isfinite(np.array(place)).all()
