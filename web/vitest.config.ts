@@ -1,14 +1,17 @@
 import { configDefaults, defineConfig } from "vitest/config";
 import { MODULES } from "./modules.ts";
 
+/** Other versions, engines and libraries, and all that multiplies the same checks: for `make test-all`, and the benchmark. */
+const LONG = ["versions", "engines", "fiber-libraries", "snippets", "three-ways"];
+
 export default defineConfig({
   resolve: { alias: Object.entries(MODULES).map(([name, path]) => ({ find: new RegExp(`^${name}$`), replacement: path })) },
   test: {
     include: ["test/**/*.test.ts"],
-    // Older versions of three.js are for `make test-all`, and for the benchmark; times are for the benchmark.
+    // Times are for the benchmark.
     exclude: [
       ...configDefaults.exclude,
-      ...(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [] : ["test/versions.test.ts"]),
+      ...(process.env.LIGHTWELL_LONG_TESTS || process.env.LIGHTWELL_MEASURE ? [] : LONG.map((name) => `test/${name}.test.ts`)),
       ...(process.env.LIGHTWELL_MEASURE ? [] : ["test/times.test.ts"]),
     ],
     testTimeout: 60_000,

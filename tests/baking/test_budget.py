@@ -47,6 +47,7 @@ def fitted(sampled, budget, out):
     return find_field(FIELD).fit(replace(state, job=job), "indirect", samples).plan, heard.said
 
 
+@pytest.mark.slow
 def test_a_goal_that_is_met_ends_after_the_first_round(sampled, tmp_path):
     plan, said = fitted(sampled, Budget(None, 50.0), tmp_path)
     assert plan["steps"] == 20 and not said

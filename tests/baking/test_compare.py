@@ -210,6 +210,7 @@ def failed(tmp_path_factory):
         return out, compare_fields(small(out, steps=None, budget=Budget(1.0), **few))
 
 
+@pytest.mark.slow
 def test_a_field_that_fails_is_left_out_and_nothing_else_is_written(failed):
     out, numbers = failed
     assert [field["name"] for field in numbers["fields"]] == ["mlp:small"]

@@ -49,6 +49,7 @@ def test_the_file_has_sun_and_sky_and_the_report_their_hours(baked_day):
     assert document["extensions"]["LIGHTWELL_neural_radiance"]["version"] == 2
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_time(tmp_path):
     def render(out: str, *state: str) -> dict:
         settings = RenderSettings("cornell", tmp_path / out, size=(12, 8), spp=4, vary=(DAY,), set=state)

@@ -130,6 +130,7 @@ def test_files_of_others(capsys, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["scene.glb"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_later(capsys, tmp_path, monkeypatch):
     """The first shard that does not fit: one line, exit code 2, no result."""
     import errno

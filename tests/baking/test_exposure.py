@@ -26,6 +26,7 @@ def test_half_way_between_the_first_and_the_brightest_picture():
     assert (exposure_of([flat(1e9)]), exposure_of([flat(1e-5)])) == (1e-6, 1.8e4)
 
 
+@pytest.mark.slow
 def test_metered_by_any_number_of_views_it_is_the_same_and_follows_the_light():
     scene = load("cornell")
     variable = declare(("light.position=box(-0.5,0.5,-0.5,0.5,1.5,0.5)",), scene)

@@ -242,6 +242,7 @@ def test_max_bytes_are_kept(sampled, tmp_path, preset, most):
     assert size("few", max_bytes=most) <= most < size("all")
 
 
+@pytest.mark.slow
 def test_ktx2_pictures_and_a_page_without_a_decoder(tmp_path):
     options = {"size": 64, "mips": 0, "compress": "ktx2"}
     bake(BakeSettings("cornell", tmp_path, preset="plain", **SMALL | {"options": options}))

@@ -42,6 +42,7 @@ def test_it_agrees_with_mitsubas_picture_of_the_wax(wax):
     assert abs(surface / expected - 1) > 0.5
 
 
+@pytest.mark.slow
 def test_targets_hold_the_light_that_left_the_medium(wax):
     made = chart(wax, 32, 0, 4, 0)
     eyes = eye_samples(wax, made, 500, 4, 1, made.image)

@@ -77,6 +77,7 @@ def ctrl_c():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("ctrl_c")
 def test_interrupted_by_the_keyboard(tmp_path, baked, monkeypatch):
     """Ctrl-C is an interrupt like any other: the checkpoint stays, and the bake goes on from it to the same bytes."""

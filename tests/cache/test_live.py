@@ -264,6 +264,7 @@ class Baker:
         return {"running": self.running, "seconds": 1.0, "line": "tracing", "failed": ""}
 
 
+@pytest.mark.slow
 def test_a_bake_is_taken_over_and_shown(tmp_path):
     settings = BakeSettings("cornell", tmp_path, shards=1, steps=20, budget=Budget(20.0), views=1)
     bake(settings)

@@ -72,6 +72,7 @@ def shown(made, points: SurfacePoints, scene) -> np.ndarray:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seen", [False, True], ids=["closed", "an eye is inside"])
 def test_the_floor_before_a_wall_is_not_darkened_by_the_floor_inside_it(seen):
     """A hollow wall is as high as a room and too narrow to stand in."""
@@ -94,6 +95,7 @@ def test_a_dark_room_does_not_take_the_light_before_its_walls():
     assert shown(made, inside, scene).max() < 0.02 * made.light.mean.mean()
 
 
+@pytest.mark.slow
 def test_the_floor_beside_a_plate_is_not_darkened_by_the_gap_under_it():
     """Some light enters the gap, so that the texels under the edge of the plate are not black."""
     turn, corners = 0.1, np.float64([[-3, -3], [-3, 3], [3, 3], [3, -3]])

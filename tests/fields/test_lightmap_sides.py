@@ -91,6 +91,7 @@ def sheets(name: str, rectangles, into) -> Mesh:
     )
 
 
+@pytest.mark.slow
 def test_rooms_below_large_ground_are_searched():
     """Nearly all air is above the ground; a shaft and two corridors lead to the room."""
     ground = [
@@ -160,6 +161,7 @@ def test_samples_towards_views_lie_on_stored_sides_alone(scene):
     assert stored.mean() > 0.9 and not eyes.weight[~stored].any() and (eyes.weight[stored] > 0).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_texels_of_rooms_without_light_have_samples_towards_views():
     """Random walks from a closed room find no light: area-uniform points there are rejected."""
     walls = (

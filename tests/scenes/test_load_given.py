@@ -67,6 +67,7 @@ def test_compressed_and_plain_are_the_same_room():
     np.testing.assert_allclose(plain.bounds, packed.bounds, atol=plain.extent / 2**13)
 
 
+@pytest.mark.slow
 def test_the_rebuilt_cornell_box_renders_the_same_picture():
     path = GIVEN / "mitsuba" / "cornell-box" / "scene_mi3.xml"
     parameters = {"resx": 64, "resy": 64}
