@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lightwell.scenes.assemble import assemble
+from lightwell.scenes.scene import Material
 from lightwell.transport.interactions import interaction
 from lightwell.transport.pieces import whole
 from lightwell.transport.point_rejection import Rejection, reject, room
@@ -125,6 +127,18 @@ def test_the_inside_of_a_flat_case_is_not_buried():
     scene = rooms.build("case", [shell], [rooms.diffuse(rooms.WHITE)])
     report = Rejection()
     assert len(sample_surface(scene, 1024, 1, report=report)) > 512 and report.buried == 0
+
+
+@pytest.mark.parametrize(("edge", "buried"), [(0.01, True), (0.3, False)])
+def test_what_small_bodies_enclose_is_buried(edge, buried):
+    # A case without a bottom on the floor, drawn from inside alone: of a small one nobody sees that.
+    case = rooms.box("case", (0.2, 0, 0.2), (0.2 + edge, edge, 0.2 + edge), inward=True)
+    case = replace(case, indices=np.delete(case.indices, [4, 5], axis=0))
+    white = Material("white", base_color=(0.8, 0.8, 0.8, 1.0), metallic=0.0)
+    scene = assemble("case", [*rooms.room_walls(), case], [white], digest="case")
+    report = Rejection()
+    draw_surface(scene, 4096, 4, only=np.arange(6) == 5, report=report)
+    assert (report.buried > 0.4 * report.candidates) == buried and (report.buried == 0) != buried
 
 
 def test_points_inside_a_solid_are_dropped():
