@@ -265,7 +265,7 @@ def air_sides(scene: Scene) -> tuple[mi.Bool, mi.Bool]:
 
 def _shares(scene: Scene, points: SurfacePoints, seed: int) -> tuple[np.ndarray, ...]:
     """Shares of the cosine rays that hit within touch, hit a wrong side, leave the scene, and are stopped by something
-    opaque that is no higher than LOW: each [N]."""
+    opaque that is no higher than LOW or nearer than CLOSE: each [N]."""
     device, sides = DevicePoints(points), air_sides(scene)
     opaque, solid = _opaque_sides(scene)
     touch = dr.opaque(mi.Float, TOUCH * scene.core_extent)
