@@ -326,7 +326,7 @@ def copies_of_paths(weight: np.ndarray, begun: int, random: np.random.Generator)
 
     White surfaces with gloss reflect up to twice what they receive in some directions, 1.08 times on average. A path
     that meets them again and again would count a hundred times: it is split, so that all paths count the same, as much
-    as at their begin. They count more, all of them, where there would be more paths than then, or few.
+    as at their begin. All of them count more where there would be more paths than at the begin, or where few are left.
 
     Args:
         weight: [R] weights, of what a path counts at its begin.
