@@ -144,7 +144,7 @@ def _shape(
         # With a texture, the factor is multiplied into the texture; without one, into the vertex colours here.
         factor = 1 if material.base_color_texture is not None else np.array(material.base_color[:3], np.float32)
         colors = mesh.colors[:, :3] * factor
-        if material.alpha_mode == "BLEND" and mesh.colors[:, 3].min() < 1:
+        if material.alpha_mode != "OPAQUE" and mesh.colors[:, 3].min() < 1:
             alpha = np.clip(mesh.colors[:, 3:], 0, 1)
     if own_bsdf is None or factory is None:
         mirrored = mirrored_uv(mesh, uv)

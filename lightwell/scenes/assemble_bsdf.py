@@ -111,7 +111,7 @@ class Bsdfs:
             bsdf = mi.load_dict({"type": "normalmap", "normalmap": relief, "nested": bsdf})
         if not transmissive:
             bsdf = mi.load_dict({"type": "twosided", "nested": bsdf})
-        if (opacity := _with_vertices(self._opacity(material), alpha)) is not None:
+        if (opacity := self._opacity(material, alpha)) is not None:
             bsdf = mi.load_dict({"type": "mask", "opacity": opacity, "nested": bsdf})
         return bsdf
 
@@ -182,11 +182,20 @@ class Bsdfs:
 
         return self._shared(texture, ("normal", scale, mirrored), pixels)
 
-    def _opacity(self, material: Material) -> Any:
-        texture, factor = material.base_color_texture, material.base_color[3]
+    def _opacity(self, material: Material, alpha: bool) -> Any:
+        """Opacity of a material, times that of the vertices where they have one; None where all is opaque."""
         if material.alpha_mode == "OPAQUE":
             return None
-        masked = material.alpha_mode == "MASK"
+        if material.alpha_mode == "MASK" and alpha:
+            # The cutoff is that of the product.
+            product = _with_vertices(self._alpha(material, masked=False))
+            return {"type": "lightwell_cutoff", "a": product, "cutoff": material.alpha_cutoff}
+        opacity = self._alpha(material, masked=material.alpha_mode == "MASK")
+        return _with_vertices(opacity) if alpha else opacity
+
+    def _alpha(self, material: Material, masked: bool) -> Any:
+        """Alpha of the material, 0 or 1 where it is masked; None where all is opaque."""
+        texture, factor = material.base_color_texture, material.base_color[3]
 
         def opacity(alpha: np.ndarray) -> np.ndarray:
             alpha = alpha * factor
@@ -213,10 +222,8 @@ class Bsdfs:
         return id(texture.image), texture.wrap, texture.nearest, texture.transform, use
 
 
-def _with_vertices(opacity: Any, alpha: bool) -> Any:
-    """Opacity of a material, times that of the vertices where they have one; None where all is opaque."""
-    if not alpha:
-        return opacity
+def _with_vertices(opacity: Any) -> Any:
+    """Opacity of a material, None where all is opaque, times that of the vertices."""
     vertices = {"type": "mesh_attribute", "name": "vertex_alpha"}
     if opacity is None:
         return vertices

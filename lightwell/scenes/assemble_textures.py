@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lightwell.backend import mi
+from lightwell.backend import dr, mi
 from lightwell.core.color import linear
 from lightwell.scenes.scene import Image, Texture
 
@@ -165,3 +165,75 @@ class Product(mi.Texture):
 
 
 mi.register_texture("lightwell_product", Product)
+
+
+class Cutoff(mi.Texture):
+    """1 where a texture ``a`` of one channel is at least ``cutoff``, else 0: an alpha mask."""
+
+    def __init__(self, props: Any) -> None:
+        """Read the texture and the threshold.
+
+        Args:
+            props: Mitsuba properties with ``a`` and ``cutoff``.
+        """
+        super().__init__(props)
+        self.a, self.cutoff = props["a"], float(props["cutoff"])
+
+    def eval(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the mask as a grey spectrum, as ``mi.Texture.eval``.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            Spectrum of 0 or 1.
+        """
+        return mi.Spectrum(self.eval_1(si, active))
+
+    def eval_1(self, si: Any, active: Any = True) -> Any:
+        """Evaluate the mask.
+
+        Args:
+            si: Surface interactions.
+            active: Active lanes.
+
+        Returns:
+            0 or 1 per lane.
+        """
+        return dr.select(self.a.eval_1(si, active) >= self.cutoff, mi.Float(1), mi.Float(0))
+
+    def mean(self) -> Any:
+        """Tell the mask of the mean, an approximation of the mean.
+
+        Returns:
+            One number.
+        """
+        return dr.select(self.a.mean() >= self.cutoff, 1.0, 0.0)
+
+    def is_spatially_varying(self) -> bool:
+        """Tell Mitsuba that the value depends on the position.
+
+        Returns:
+            True.
+        """
+        return True
+
+    def traverse(self, callback: Any) -> None:
+        """List the parameters, as ``mi.Object.traverse``.
+
+        Args:
+            callback: Receives the parameters.
+        """
+        callback.put("a", self.a, mi.ParamFlags.Differentiable)
+
+    def to_string(self) -> str:
+        """Describe the texture.
+
+        Returns:
+            Its name, texture and threshold.
+        """
+        return f"Cutoff[{self.a}, {self.cutoff}]"
+
+
+mi.register_texture("lightwell_cutoff", Cutoff)

@@ -15,6 +15,8 @@ from lightwell.scenes.glb_writer import GlbWriter
 
 # Roughness of a material without a specular exponent.
 MATT = 1.0
+# Largest index of refraction of an MTL file that is read: that of no dielectric is larger.
+MOST_IOR = 4.0
 # Statements of an MTL file that are read (some by other names), and those that say nothing about light.
 READ = {"kd", "ke", "ns", "pr", "pm", "ni", "d", "tr", "map_kd", "map_ke", "diffuse", "glossiness", "image", "name"}
 SILENT = {"ka", "ambient", "illum", "map_ka"}
@@ -124,6 +126,9 @@ def _material(source: Any, writer: GlbWriter, folder: Folder, lost: set[str]) ->
     entry: dict[str, Any] = {"name": name, "pbrMetallicRoughness": pbr, "doubleSided": True}
     if alpha < 1:
         entry["alphaMode"] = "BLEND"
+    # Programs write 1, at which nothing is reflected, for surfaces that nobody gave an index.
+    if 1 < (ior := float(_numbers(said.get("ni"), [1.0])[0])) <= MOST_IOR:
+        entry["extensions"] = {"KHR_materials_ior": {"ior": ior}}
     _emission(said, entry, writer, folder, lost)
     lost |= {f"material '{name}': '{key}' is ignored" for key in said if key.lower() not in READ | SILENT}
     return entry
@@ -143,7 +148,8 @@ def _emission(said: dict[str, Any], entry: dict[str, Any], writer: GlbWriter, fo
             lost |= {f"{what}: '{option}' of the picture of its emission is ignored" for option in statement.ignored}
     if emission.max() > 0:
         entry["emissiveFactor"] = (emission / max(1.0, emission.max())).tolist()
-        entry["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": max(1.0, float(emission.max()))}}
+        strength = {"emissiveStrength": max(1.0, float(emission.max()))}
+        entry.setdefault("extensions", {})["KHR_materials_emissive_strength"] = strength
 
 
 def _roughness(said: dict[str, Any]) -> float:

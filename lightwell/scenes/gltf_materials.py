@@ -128,7 +128,7 @@ def _extensions(place: Place, material: Material, textures: Textures, lost: list
         lost.append("the absorption in its volume is ignored")
     return replace(
         material,
-        transmission=_transmission(of("transmission"), textures, lost),
+        transmission=_transmission(of("transmission"), material, textures, lost),
         thickness=volume.number("thicknessFactor", 0.0, low=0),
         ior=_ior(of("ior"), of("specular"), material, lost),
         clearcoat=_unit(clearcoat.number("clearcoatFactor", 0.0)),
@@ -138,9 +138,12 @@ def _extensions(place: Place, material: Material, textures: Textures, lost: list
     )
 
 
-def _transmission(place: Place, textures: Textures, lost: list[str]) -> float:
+def _transmission(place: Place, material: Material, textures: Textures, lost: list[str]) -> float:
     """Read the share of light that passes through a surface: one number, so that a texture is averaged."""
     factor = _unit(place.number("transmissionFactor", 0.0))
+    if factor > 0 and material.metallic == 1 and material.metallic_roughness_texture is None:
+        lost.append("it is a metal (metallicFactor is 1 or left out), so that its transmission is ignored")
+        return 0.0
     texture = textures.read(place, "transmissionTexture") if factor > 0 else None
     if texture is None:
         return factor

@@ -138,6 +138,14 @@ def test_a_lamp_shines_where_its_picture_is_bright(obj, tmp_path):
     assert texture.transform is not None and texture.transform[0][0] == 2
 
 
+@pytest.mark.parametrize("said, expected", [("1.33", 1.33), ("1", 1.5), ("0", 1.5), ("1e9", 1.5), ("glass", 1.5)])
+def test_an_index_of_refraction_is_read_where_one_is_given(obj, tmp_path, said, expected):
+    (tmp_path / "room.mtl").write_text(MTL.replace("Ns 98", f"Ns 98\nNi {said}"))
+    materials = {material.name: material for material in load(obj).materials}
+    assert materials["lamp"].ior == pytest.approx(expected) and materials["floor"].ior == 1.5
+    assert materials["lamp"].emissive == pytest.approx((4, 2, 1))
+
+
 def test_one_number_is_a_grey_and_a_remark_is_none(obj, tmp_path):
     lamp, floor = "newmtl lamp\nKd 0.5 # grey\nKe 3\nKs 0.5\nNs 98 # shiny\n", "newmtl floor\nKd 0 0 1\n"
     (tmp_path / "room.mtl").write_text(lamp + floor)

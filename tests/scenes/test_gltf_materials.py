@@ -291,3 +291,12 @@ def test_a_primitive_without_material_is_a_white_wall(tmp_path):
     scene = load(file.save(tmp_path))
     assert (scene.materials[0].base_color, scene.materials[0].metallic) == ((0.8, 0.8, 0.8, 1), 0)
     assert "mesh 'node 0': has no material; it is shown as a white wall (albedo 0.8)" in scene.warnings
+
+
+def test_a_metal_transmits_nothing(tmp_path):
+    """metallicFactor is 1 where a file leaves it out."""
+    glass = {"name": "glass", "extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.8}}}
+    scene = loaded(tmp_path, glass)
+    assert scene.materials[0].transmission == 0
+    assert not mi.has_flag(scene.mi.shapes()[0].bsdf().flags(), mi.BSDFFlags.GlossyTransmission)
+    assert any("'glass': it is a metal" in line for line in scene.warnings)

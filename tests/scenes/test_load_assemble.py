@@ -229,3 +229,20 @@ def test_alpha_of_vertices_is_blended(mode, passed, factor):
     through = np.array(si.bsdf().eval_null_transmission(si)).ravel()
     expected = 1 - (1 - passed) * factor if mode == "BLEND" else 0.0
     np.testing.assert_allclose(through, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("textured", [False, True])
+def test_alpha_of_vertices_is_part_of_what_a_mask_cuts_off(textured):
+    # 0.4 · 1 to 0.4 · 0 over the floor; the cutoff 0.3 lies at a quarter.
+    colors = np.ones((4, 4), np.float32)
+    colors[:, 3] = np.where(SQUARE[:, 0] > 0, 1.0, 0.0)
+    leaf = Texture(picture([102, 102])) if textured else None
+    factor = 1.0 if textured else 0.4
+    material = Material(
+        "sheet", base_color=(1, 1, 1, factor), base_color_texture=leaf, alpha_mode="MASK", alpha_cutoff=0.3
+    )
+    scene = assemble("s", [floor(colors=colors, uv0=SQUARE[:, ::2])], [material])
+    low, high = SQUARE[:, 0].min(), SQUARE[:, 0].max()
+    for share, expected in ((0.1, 1.0), (0.7, 1.0), (0.8, 0.0), (0.9, 0.0)):
+        si = scene.mi.ray_intersect(mi.Ray3f([float(low + share * (high - low)), 1, 0.2], [0, -1, 0]))
+        assert np.array(si.bsdf().eval_null_transmission(si)).ravel() == pytest.approx(expected)
