@@ -30,6 +30,7 @@ from lightwell.transport.gather_rays import beyond, ray_ends
 from lightwell.transport.interactions import upload
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.radiosity import LANES, stored_ends
+from lightwell.transport.row_tasks import rows_of
 from lightwell.transport.seen_shards import SeenBins
 from lightwell.transport.sky_source import CELLS
 from lightwell.transport.tables import tables
@@ -168,10 +169,7 @@ def air_ends(
     bins = _bins(variable).make(scene)[1].bins
     settings = {"rays": rays, "seed": seed, "sky": has_sky(variable)}
     columns = {"point": np.asarray(points, np.float64), "stream": np.asarray(numbers).astype(np.uint32)}
-    if scene.executor is None:
-        found = air_end_rows(scene, settings, columns, 0, bins.arrays())
-    else:
-        found = scene.executor.rows("air-ends", settings, columns, rays, bins.arrays())
+    found = rows_of(scene, "air-ends", settings, columns, rays, bins.arrays())
     return AirEnds(found["bin"], found["weight"], found["way"])
 
 

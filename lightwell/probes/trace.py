@@ -20,9 +20,10 @@ from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to
 from lightwell.transport.interactions import upload
 from lightwell.transport.lamp_sources import GroupEmitters
 from lightwell.transport.panes import unblocked
-from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
+from lightwell.transport.path_numbers import LATTICE_STREAM, check_halves, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
+from lightwell.transport.row_tasks import rows_of
 from lightwell.transport.sources import Emitters, declared
 from lightwell.transport.tables import tables
 
@@ -93,20 +94,16 @@ def air_light(
     Raises:
         ValueError: ``paths`` is odd or below 2.
     """
-    if paths < 2 or paths % 2:
-        raise ValueError(f"probes: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     stream = (np.arange(len(points)) if numbers is None else numbers).astype(np.uint32)
     columns = _air_columns(points, stream, None if variable is None else light, normals)
     told = None if variable is None else to_json(variable)
     settings = {"paths": paths, "seed": seed, "direct": direct, "variable": told, "emitters": [*emitters]}
-    if scene.executor is None:
-        rows = air_light_rows(scene, settings, columns, 0, {})["rows"]
-    else:
-        recipe = None
-        if normals is None and (variable is None or np.ndim(light) == 1):
-            place = None if variable is None else np.float32(light).tolist()
-            recipe = Recipe("air-points", {"light": place}, {"point": points, "stream": stream}, calls)
-        rows = scene.executor.rows("air-light", settings, columns, paths, recipe=recipe)["rows"]
+    recipe = None
+    if normals is None and (variable is None or np.ndim(light) == 1):
+        place = None if variable is None else np.float32(light).tolist()
+        recipe = Recipe("air-points", {"light": place}, {"point": points, "stream": stream}, calls)
+    rows = rows_of(scene, "air-light", settings, columns, paths, recipe=recipe)["rows"]
     sh = rows[..., :27].reshape(-1, 2, 9, 3) * TO_IRRADIANCE[:, None].astype(np.float32)
     return AirLight(sh[:, 0], sh[:, 1], rows[:, 0, 27:], rows[:, 1, 27:])
 

@@ -21,6 +21,7 @@ from lightwell.transport.path_numbers import independent, random_streams
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.queries import make_query
 from lightwell.transport.radiance import LAUNCH, PathReport, direct, indirect, static
+from lightwell.transport.row_tasks import rows_of
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sky_source import DayEmitter
 from lightwell.transport.sources import Emitters, declared
@@ -261,12 +262,8 @@ def total_image(
         "intensity": float(intensity), "color": [float(c) for c in color], "max_depth": max_depth,
         "with_static": with_static and scene.has_static_light,
     }  # fmt: skip
-    if scene.executor is None:
-        found = picture_rows(scene, settings, columns, 0, {})
-    else:
-        recipe = Recipe("pixels", {"count": width * height})
-        found = scene.executor.rows("picture", settings, columns, spp, recipe=recipe)
-    return found["radiance"].reshape(height, width, 3)
+    recipe = Recipe("pixels", {"count": width * height})
+    return rows_of(scene, "picture", settings, columns, spp, recipe=recipe)["radiance"].reshape(height, width, 3)
 
 
 def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:

@@ -22,10 +22,11 @@ from lightwell.scenes.executor import Arrays
 from lightwell.scenes.scene import Material, Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
 from lightwell.transport.irradiance import first_directions, half_means
-from lightwell.transport.path_numbers import LATTICE_STREAM, next_2d, random_streams, stratified
+from lightwell.transport.path_numbers import LATTICE_STREAM, check_halves, next_2d, random_streams, stratified
 from lightwell.transport.path_state import PathState, aim_at_light, interaction_at, is_delta
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH
 from lightwell.transport.radiance import LAUNCH
+from lightwell.transport.row_tasks import rows_of
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import shape_index, shape_lookup, tables
@@ -209,8 +210,7 @@ def gathered(
     Raises:
         ValueError: ``paths`` is odd or below 2.
     """
-    if paths < 2 or paths % 2:
-        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     tables(scene)
     device, half = DevicePoints(points), paths // 2
     batch = max(1, LAUNCH // paths)
@@ -261,13 +261,9 @@ def gathered_irradiance(
     Raises:
         ValueError: ``paths`` is odd or below 2.
     """
-    if paths < 2 or paths % 2:
-        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     settings = {"paths": paths, "seed": seed}
-    if scene.executor is None:
-        rows = gathered_irradiance_rows(scene, settings, columns_of(points), 0, light)["rows"]
-    else:
-        rows = scene.executor.rows("gathered-irradiance", settings, columns_of(points), paths, light)["rows"]
+    rows = rows_of(scene, "gathered-irradiance", settings, columns_of(points), paths, light)["rows"]
     return rows[..., :3].swapaxes(0, 1), rows[..., 3:].mean(axis=1)
 
 

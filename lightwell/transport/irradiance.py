@@ -17,11 +17,12 @@ from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.panes import unblocked
-from lightwell.transport.path_numbers import LATTICE_STREAM, independent, random_streams, stratified
+from lightwell.transport.path_numbers import LATTICE_STREAM, check_halves, independent, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.paths import MAX_DEPTH, RR_DEPTH, trace
 from lightwell.transport.point_rejection import WRONG_SHARE, air_sides, right_side
 from lightwell.transport.radiance import LAUNCH
+from lightwell.transport.row_tasks import rows_of
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters
 from lightwell.transport.tables import tables
@@ -67,13 +68,9 @@ def irradiance(scene: Scene, points: SurfacePoints, paths: int, seed: int, recip
     Raises:
         ValueError: ``paths`` is odd or below 2.
     """
-    if paths < 2 or paths % 2:
-        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     settings = {"paths": paths, "seed": seed}
-    if scene.executor is None:
-        rows = irradiance_rows(scene, settings, columns_of(points), 0, {})["rows"]
-    else:
-        rows = scene.executor.rows("irradiance", settings, columns_of(points), paths, recipe=recipe)["rows"]
+    rows = rows_of(scene, "irradiance", settings, columns_of(points), paths, recipe=recipe)["rows"]
     both = rows.mean(axis=1)
     return Irradiance(rows[:, 0, :3], rows[:, 1, :3], both[:, 3:6], both[:, 6])
 

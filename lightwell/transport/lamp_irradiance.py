@@ -17,7 +17,7 @@ from lightwell.transport.gather_rays import ray_ends
 from lightwell.transport.interactions import DevicePoints, gather_interaction
 from lightwell.transport.lamp_light import LampLight, block_mean, emission_met
 from lightwell.transport.panes import panes_of, unblocked
-from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.path_numbers import LATTICE_STREAM, check_halves, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiosity import LANES, Rows, bin_type, stored_ends
 from lightwell.transport.samples import SurfacePoints
@@ -45,8 +45,7 @@ def irradiance_shares(
     Raises:
         ValueError: ``rays`` is odd or below 2.
     """
-    if rays < 2 or rays % 2:
-        raise ValueError(f"transport: rays = {rays}, expected an even number >= 2 (two independent halves)")
+    check_halves(rays, "rays")
     device, groups = DevicePoints(points), light.sources.count
     out = np.empty((len(points), groups, 3), np.float32)
     for start in range(0, len(points), POINTS_AT_ONCE):

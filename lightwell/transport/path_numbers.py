@@ -12,6 +12,20 @@ LATTICE_STREAM = 1 << 31
 ONE_MINUS_EPSILON = 1 - 2.0**-24
 
 
+def check_halves(count: int, name: str = "paths") -> None:
+    """Refuse a number of paths that does not make two independent halves.
+
+    Args:
+        count: Paths, or rays, of a point.
+        name: What they are called.
+
+    Raises:
+        ValueError: The number is odd or below 2.
+    """
+    if count < 2 or count % 2:
+        raise ValueError(f"transport: {name} = {count}, expected an even number >= 2 (two independent halves)")
+
+
 def random_streams(seed: mi.UInt32, point: mi.UInt32, path: mi.UInt32) -> mi.PCG32:
     """Make one random number stream per (seed, point, path); a path's numbers do not depend on how work is divided.
 

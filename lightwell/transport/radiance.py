@@ -19,7 +19,7 @@ from lightwell.scenes.variables import Turning, Variable, from_json, has_sky, to
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.light_vertices import SharedLamps, light_vertices
 from lightwell.transport.moved import by_pose
-from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
+from lightwell.transport.path_numbers import LATTICE_STREAM, check_halves, random_streams, stratified
 from lightwell.transport.path_settings import LAUNCH as LAUNCH
 from lightwell.transport.path_settings import PathReport as PathReport
 from lightwell.transport.path_settings import PathSettings
@@ -190,8 +190,7 @@ def _traced(
             means[:, rows] = _traced(scene_of_pose, own, limits, variable, lit, report)
         return means[0], means[1]
     paths = limits.paths
-    if paths < 2 or paths % 2:
-        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     if scene.executor is None:
         means, good = _means(scene, points, limits, variable, light, lamps=lamps)
     else:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from lightwell.scenes.executor import Arrays
+from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 
 RowFunction = Callable[[Scene, Mapping[str, Any], Arrays, int, Arrays], Arrays]
@@ -55,3 +55,31 @@ TASKS = {
     "air-ends": RowTask("lightwell.probes.gathered:air_end_rows"),
     "picture": RowTask("lightwell.transport.camera:picture_rows", 2),
 }
+
+
+def rows_of(
+    scene: Scene,
+    task: str,
+    settings: Mapping[str, Any],
+    columns: Arrays,
+    lanes: int,
+    shared: Arrays | None = None,
+    recipe: Recipe | None = None,
+) -> Arrays:
+    """Compute all rows of a task, in this process or by the executor of the scene; see ``RowExecutor.rows``.
+
+    Args:
+        scene: The scene.
+        task: Name of the function, one of ``TASKS``.
+        settings: Settings of the function; JSON values.
+        columns: Inputs of N rows by name, [N, ...] each.
+        lanes: Paths of a row.
+        shared: Arrays [...] by name that all rows share; None: none.
+        recipe: How workers make ``columns`` and ``shared`` again; None: they are sent.
+
+    Returns:
+        Results by name, [N, ...] each, in the order of the rows.
+    """
+    if scene.executor is None:
+        return TASKS[task](scene, settings, columns, 0, shared or {})
+    return scene.executor.rows(task, settings, columns, lanes, shared, recipe=recipe)

@@ -14,6 +14,7 @@ from lightwell.backend import dr, mi
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.scene_cache import Derived
 from lightwell.transport.interactions import upload
+from lightwell.transport.path_numbers import check_halves
 from lightwell.transport.queries import frames
 from lightwell.transport.samples import SurfacePoints
 
@@ -50,8 +51,7 @@ def volumetric(scene: Scene, points: SurfacePoints, paths: int, seed: int) -> tu
     Raises:
         ValueError: ``paths`` is odd or less than 2.
     """
-    if paths < 2 or paths % 2:
-        raise ValueError(f"transport: paths = {paths}, expected an even number >= 2 (two independent halves)")
+    check_halves(paths)
     place, half = frames(scene, points)[0], paths // 2
     origin = place + LIFT * scene.core_extent * points.view
     batch, out = max(1, LAUNCH // half), np.zeros((2, len(points), 3), np.float32)
