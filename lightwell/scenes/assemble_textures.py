@@ -82,7 +82,19 @@ def bitmap(pixels: np.ndarray, texture: Texture, *, nearest: bool | None = None)
     return mi.load_dict(description)
 
 
-class Product(mi.Texture):
+class Combined(mi.Texture):
+    """A texture that is computed from others."""
+
+    def is_spatially_varying(self) -> bool:
+        """Tell Mitsuba that the value depends on the position.
+
+        Returns:
+            True.
+        """
+        return True
+
+
+class Product(Combined):
     """Product of two textures ``a`` and ``b``: an image times the vertex colours of its mesh."""
 
     def __init__(self, props: Any) -> None:
@@ -138,14 +150,6 @@ class Product(mi.Texture):
         """
         return self.a.mean() * self.b.mean()
 
-    def is_spatially_varying(self) -> bool:
-        """Tell Mitsuba that the value depends on the position.
-
-        Returns:
-            True.
-        """
-        return True
-
     def traverse(self, callback: Any) -> None:
         """List the parameters, as ``mi.Object.traverse``.
 
@@ -167,7 +171,7 @@ class Product(mi.Texture):
 mi.register_texture("lightwell_product", Product)
 
 
-class Cutoff(mi.Texture):
+class Cutoff(Combined):
     """1 where a texture ``a`` of one channel is at least ``cutoff``, else 0: an alpha mask."""
 
     def __init__(self, props: Any) -> None:
@@ -204,20 +208,12 @@ class Cutoff(mi.Texture):
         return dr.select(self.a.eval_1(si, active) >= self.cutoff, mi.Float(1), mi.Float(0))
 
     def mean(self) -> Any:
-        """Tell the mask of the mean, an approximation of the mean.
+        """Compare the mean of the texture with the threshold, an approximation of the mean.
 
         Returns:
             One number.
         """
         return dr.select(self.a.mean() >= self.cutoff, 1.0, 0.0)
-
-    def is_spatially_varying(self) -> bool:
-        """Tell Mitsuba that the value depends on the position.
-
-        Returns:
-            True.
-        """
-        return True
 
     def traverse(self, callback: Any) -> None:
         """List the parameters, as ``mi.Object.traverse``.

@@ -116,8 +116,8 @@ PRESETS: dict[str, FactoredPreset] = {
 
 # The default in scenes with light of their own: two fields, together at most 300 kB and 1,500 multiply-adds. Seven
 # scenes, 1,000 steps, against heads of 24-16 for both (2,676) and 2^13 entries for the scene's own light: -0.12 dB for
-# the moving light, -0.5 dB for the scene's own. Second layers of 8 to 16 units in place of 6 gain nothing; 14-8 and
-# 16-8 for both: -0.46 and -0.40 dB; 2^14 entries are worth +0.2 dB to the scene's own light.
+# the moving light, -0.5 dB for the scene's own. Second layers of 8 to 16 units in place of 6 gain nothing; a head of
+# 14-8 for the moving light: -0.46 dB.
 TWO_FIELDS: dict[str, FactoredPreset] = {
     "indirect": FactoredPreset(
         replace(_DEFAULT_GRID, growth=1.7, entries_log2=14), hidden=(20, 14), mirror=_MIRROR, glossy_hidden=(20, 6)
