@@ -17,13 +17,16 @@ Notation: N points, P rays per point, F bins, K lights.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats, upload_integers
+from lightwell.machine import threads
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
@@ -60,8 +63,9 @@ FEW, FEW_COUNT = 0.1, 4
 LANES = 1 << 20
 # Largest weight that is kept, below the largest half float.
 LARGEST = 6e4
-# Lights whose indirect irradiance is computed at once; bounds memory.
-LIGHTS_AT_ONCE = 256
+# Lights whose indirect irradiance a thread computes at once: what all bins receive of them stays in its cache. Seconds
+# for 512 lights on two cores, four scenes: 1.7 to 9.1 with 256 of them on one thread, 0.7 to 2.2 with 64 on two.
+LIGHTS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
@@ -313,11 +317,16 @@ class Radiosity:
             [K, F + 1, 3] float32; the last bin is dark.
         """
         out = np.zeros((*direct.shape[:2], 3), np.float32)
-        for c, transfer in enumerate(self._transfer):
-            of_channel = direct if direct.ndim == 2 else direct[..., c]
-            for start in range(0, len(direct), LIGHTS_AT_ONCE):
-                part = slice(start, start + LIGHTS_AT_ONCE)
-                out[part, :-1, c] = (transfer @ np.ascontiguousarray(of_channel[part].T)).T
+        transfer, starts = self._transfer, range(0, len(direct), LIGHTS_AT_ONCE)
+
+        def add(job: tuple[int, int]) -> None:
+            part, c = slice(job[0], job[0] + LIGHTS_AT_ONCE), job[1]
+            of_channel = direct[part] if direct.ndim == 2 else direct[part, :, c]
+            out[part, :-1, c] = (transfer[c] @ np.ascontiguousarray(of_channel.T)).T
+
+        with ThreadPoolExecutor(threads()) as pool:
+            for _ in pool.map(add, product(starts, range(3))):
+                pass
         return out
 
 
