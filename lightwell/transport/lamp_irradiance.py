@@ -93,7 +93,8 @@ class _Tracer:
         for first, size in _parts(self._count, rays):
             (si, density), ray, β, rng = self._cosine_rays(first, size, rays, ~self._seed)
             start = (density, mi.Bool(False))
-            L, group = emission_met(self._scene.mi, sources, rng, ray, β, interaction_at(si), start)
+            way = (ray, β, interaction_at(si), start)
+            L, group = emission_met(self._scene.mi, sources, panes_of(self._scene), rng, *way)
             good = dr.all(dr.isfinite(L))
             L, group = dr.select(good, L, 0), dr.select(good, group, sources.count)
             out[first : first + size] = sums_by_group(L, group, sources.count, rays)
@@ -121,7 +122,7 @@ class _Tracer:
         mis = dr.select(ds.delta, 1, power_heuristic(density, cosine * dr.inv_pi))
         E = mis * weight * cosine * dr.inv_pi
         lit = (density > 0) & (cosine > 0) & (dr.dot(flat, ds.d) > 0) & (dr.max(E) > 0) & dr.all(dr.isfinite(E))
-        T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, ds.delta)
+        T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, mi.Bool(True))
         E = dr.select(lit, E * T, 0)
         return block_mean(E, samples).reshape(size, sources.count, 3)
 

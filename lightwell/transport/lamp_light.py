@@ -21,7 +21,7 @@ from lightwell.scenes.lamps import LampGroup
 from lightwell.transport.gather_rays import PASSED, goes_straight
 from lightwell.transport.interactions import DevicePoints, gather_interaction, own_eval_pdf, own_sample
 from lightwell.transport.lamp_sources import LampSources
-from lightwell.transport.panes import panes_of, unblocked
+from lightwell.transport.panes import Panes, panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
 from lightwell.transport.path_state import interaction_at, power_heuristic
 from lightwell.transport.radiosity import LANES, Radiosity, Rows, rays_of_points
@@ -30,7 +30,7 @@ from lightwell.transport.uneven_light import UnevenLight, is_uneven, sums_by_gro
 
 # Shadow rays to each group from a bin, and from each half of a point: many points are worth more than exact ones.
 BIN_SAMPLES, POINT_SAMPLES = 128, 2
-# Rays from a bin that look for emitters through glass and holes and by mirrors.
+# Rays from a bin that look for emitters through frosted glass and by mirrors.
 BIN_RAYS = 128
 # Random stream of the rays to bins that are lit unevenly.
 UNEVEN_STREAM = 0x75E7
@@ -66,6 +66,7 @@ class LampLight:
         """
         self.radiosity, self._scene = radiosity, radiosity.scene
         self.sources, self._count = LampSources(self._scene, groups), len(groups)
+        self._panes = panes_of(self._scene)
         direct = np.zeros((self._count, radiosity.bins.count + 1, 3), np.float32)
         seen, square = self._bins(seed)
         direct[:, :-1] = seen + self._bins_behind(seed)
@@ -174,12 +175,12 @@ class LampLight:
         ds, weight, _ = self.sources.sample(it, group, number, u, mi.Bool(True))
         E = weight * dr.maximum(dr.dot(normal, ds.d), 0)
         lit = (dr.max(E) > 0) & dr.all(dr.isfinite(E))
-        T, _ = unblocked(self._scene.mi, panes_of(self._scene), it.spawn_ray_to(ds.p), lit, ds.delta)
+        T, _ = unblocked(self._scene.mi, self._panes, it.spawn_ray_to(ds.p), lit, mi.Bool(True))
         E = dr.select(lit, E * T, 0)
         return block_mean(E, BIN_SAMPLES), block_mean(mi.Spectrum(dr.square(mi.luminance(E))), BIN_SAMPLES)
 
     def _bins_behind(self, seed: int) -> np.ndarray:
-        """[K, F, 3] irradiance of the bins through glass and holes and by mirrors, which shadow rays do not find."""
+        """[K, F, 3] irradiance of the bins through frosted glass and by mirrors, which shadow rays do not find."""
         bins = self.radiosity.bins.count
         out = np.empty((self._count, bins, 3), np.float32)
         for start in range(0, bins, batch := max(1, LANES // BIN_RAYS)):
@@ -199,9 +200,10 @@ class LampLight:
         it.p = mi.Point3f(place + dr.opaque(mi.Float, 1e-4 * self._scene.core_extent) * normal)
         it.n = mi.Normal3f(normal)
         d = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(u))
-        # A density of 0 leaves what is seen at once to the shadow rays.
+        # A density of 0 leaves what is seen at once, or through clear glass, to the shadow rays.
         chosen = (dr.zeros(mi.Float, dr.width(lane)), mi.Bool(False))
-        L, group = emission_met(self._scene.mi, self.sources, rng, it.spawn_ray(d), mi.Spectrum(1), it, chosen)
+        way = (it.spawn_ray(d), mi.Spectrum(1), it, chosen)
+        L, group = emission_met(self._scene.mi, self.sources, self._panes, rng, *way)
         good = dr.all(dr.isfinite(L))
         return dr.select(good, L, 0), dr.select(good, group, self._count)
 
@@ -253,7 +255,7 @@ class LampLight:
         value, pdf = own_eval_pdf(si, bsdf, si.to_local(ds.d), density > 0)
         L = dr.select(ds.delta, 1, power_heuristic(density, pdf)) * value * weight
         lit = (density > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
-        T, _ = unblocked(self._scene.mi, panes_of(self._scene), si.spawn_ray_to(ds.p), lit, ds.delta)
+        T, _ = unblocked(self._scene.mi, self._panes, si.spawn_ray_to(ds.p), lit, mi.Bool(True))
         L = dr.select(lit, L * T, 0)
         return block_mean(L, samples).reshape(len(rows), 2, self._count, 3)
 
@@ -275,7 +277,8 @@ class LampLight:
         shift = random_streams(at_seed, row, LATTICE_STREAM + path // half)
         first = stratified(shift, path % half, half)
         si = gather_interaction(self._scene, device, row)
-        L, group = _first_emission(self._scene.mi, si, self.sources, random_streams(at_seed, row, path), first)
+        sources = (self.sources, self._panes)
+        L, group = _first_emission(self._scene.mi, si, sources, random_streams(at_seed, row, path), first)
         good = dr.all(dr.isfinite(L))
         return dr.select(good, L, 0), dr.select(good, group, self._count)
 
@@ -305,16 +308,20 @@ def _first_emission(scene, si, sources, rng, first):
     sample, weight = own_sample(si, si.bsdf(), lobe, direction)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     ray, prev = si.spawn_ray(si.to_world(sample.wo)), interaction_at(si)
-    return emission_met(scene, sources, rng, ray, mi.Spectrum(weight), prev, (mi.Float(sample.pdf), delta))
+    return emission_met(scene, *sources, rng, ray, mi.Spectrum(weight), prev, (mi.Float(sample.pdf), delta))
 
 
 @dr.syntax
-def emission_met(scene, sources, rng, ray, β, prev, chosen):
+def emission_met(scene, sources, panes, rng, ray, β, prev, chosen):
     """Follow rays through mirrors, glass and holes to what they meet first.
+
+    Shadow rays pass glass and holes in a straight line, so that what rays find behind them is weighted as what they
+    find at once. Refraction makes the two differ: small lamps count as if glass bent no light, large ones as they are.
 
     Args:
         scene: Mitsuba scene.
         sources: ``LampSources`` of K groups.
+        panes: What shadow rays pass; None: nothing.
         rng: [N] random streams.
         ray: [N] rays.
         β: [N] their throughput.
@@ -325,15 +332,15 @@ def emission_met(scene, sources, rng, ray, β, prev, chosen):
         Emission found times the throughput, weighted against shadow rays, and its group; K where there is none.
     """
     ctx = mi.BSDFContext()
-    pdf, delta = mi.Float(chosen[0]), mi.Bool(chosen[1])
-    ray, β, prev = mi.Ray3f(ray), mi.Spectrum(β), mi.Interaction3f(prev)
+    pdf, beside = mi.Float(chosen[0]), ~mi.Bool(chosen[1])
+    ray, β = mi.Ray3f(ray), mi.Spectrum(β)
     L, found = mi.Spectrum(0), mi.UInt32(sources.count)
     passed = mi.UInt32(0)
     active = dr.max(β) != 0
     while dr.hint(active, label="lightwell lamps"):
         si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
         group, emitted, density = sources.met(prev, si, active)
-        mis = dr.select(delta, 1, power_heuristic(pdf, density))
+        mis = dr.select(beside, power_heuristic(pdf, density), 1)
         shines = active & (dr.max(emitted) > 0)
         L = dr.select(shines, β * mis * emitted, L)
         found = dr.select(shines, group, found)
@@ -341,8 +348,17 @@ def emission_met(scene, sources, rng, ray, β, prev, chosen):
         u = mi.Point2f(rng.next_float32(), rng.next_float32())
         sample, albedo = si.bsdf(ray).sample(ctx, si, rng.next_float32(), u, active)
         β = dr.select(active, β * albedo, β)
-        prev, delta = interaction_at(si), mi.Bool(True)
+        beside &= _passes(panes, si, sample, active)
         ray = si.spawn_ray(si.to_world(sample.wo))
         passed += 1
         active &= goes_straight(sample) & (passed < PASSED) & (dr.max(β) != 0)
     return L, found
+
+
+def _passes(panes: Panes | None, si: mi.SurfaceInteraction3f, sample: mi.BSDFSample3f, active: mi.Bool) -> mi.Bool:
+    """Whether rays go where shadow rays do, that may pass all that they have met before."""
+    if panes is None:
+        return mi.Bool(False)
+    has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731
+    across = has(mi.BSDFFlags.DeltaTransmission) | has(mi.BSDFFlags.GlossyTransmission) | has(mi.BSDFFlags.Null)
+    return across & (panes.passes(si, active)[1] > 0)

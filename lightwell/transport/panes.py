@@ -1,8 +1,9 @@
 """Surfaces that light passes in a straight line: holes of alpha masks, blended surfaces, and clear glass.
 
 Rays that a BSDF chooses pass them by themselves. A shadow ray to a light without extent (a point, the sun), which no
-BSDF finds, goes on behind them, weakened by what they let through. Shadow rays to lights of some extent stop: what they
-would find behind a pane, rays that the BSDF chooses have found already.
+BSDF finds, goes on behind them, weakened by what they let through. In a path tracer shadow rays to lights of some
+extent stop: what they would find behind a pane, rays that the BSDF chooses have found already. Where samples of many
+lamps are made (``lamp_light``), they go on, and rays that the BSDF chooses count the less.
 
 Refraction is left out: glass bends no shadow ray and focuses no light. A pane of glass lets 1 - F of the light through,
 times its colour and its transmission, with F by Fresnel's equations for the index of refraction 1.5. A solid body does

@@ -33,7 +33,7 @@ from lightwell.transport.seen import draw_seen
 from lightwell.transport.surface import SurfaceDraw
 
 # Layout of the folder; readers refuse others.
-VERSION = 9
+VERSION = 10
 # Finding points that border on air takes as long as tracing their light, so that this many shards draw their points
 # from one pool of POOL_SIZE shards' points. Every shard has its own lights and paths.
 POOL_SHARDS, POOL_SIZE = 8, 2

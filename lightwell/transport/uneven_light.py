@@ -83,7 +83,7 @@ class UnevenLight:
         ds, weight, _ = self._sources.sample(it, group, number, u, active)
         L = w * weight * dr.maximum(dr.dot(n, ds.d), 0) / chance
         lit = active & (chance > 0) & (dr.max(L) > 0) & dr.all(dr.isfinite(L))
-        T, _ = unblocked(self._scene.mi, panes_of(self._scene), it.spawn_ray_to(ds.p), lit, ds.delta)
+        T, _ = unblocked(self._scene.mi, panes_of(self._scene), it.spawn_ray_to(ds.p), lit, mi.Bool(True))
         lit &= dr.max(T) > 0
         return dr.select(lit, L * T, 0), dr.select(lit, group, K)
 

@@ -8,9 +8,11 @@ import pytest
 from lightwell.backend import mi
 from lightwell.core.lamps import parse_lamps
 from lightwell.scenes.lamps import group_lamps
+from lightwell.scenes.load import load
 from lightwell.scenes.scene import Scene
 from lightwell.transport import static
 from lightwell.transport.lamp_light import LampLight, LampShares
+from lightwell.transport.queries import frames
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import draw_surface
@@ -102,3 +104,34 @@ def test_a_floor_that_sees_no_other_surface_has_the_light_of_its_lamp():
     a, b = static(scene, points, 16, 7)
     # The light of a point has no noise.
     np.testing.assert_allclose(found, 0.5 * (a + b), rtol=1e-3, atol=1e-6)
+
+
+BULB = """<scene version="3.0.0">
+    <shape type="cube" id="room"><boolean name="flip_normals" value="true"/>
+        <bsdf type="twosided"><bsdf type="diffuse"/></bsdf></shape>
+    <shape type="rectangle" id="lamp"><transform name="to_world"><scale value="0.05"/><translate z="-0.6"/></transform>
+        <bsdf type="diffuse"/><emitter type="area"><rgb name="radiance" value="100"/></emitter></shape>
+    {glass}</scene>"""
+THIN = """<shape type="rectangle" id="pane"><bsdf type="{bsdf}"/></shape>"""
+SLAB = """<shape type="cube" id="slab"><transform name="to_world"><scale x="0.999" y="0.999" z="0.05"/></transform>
+    <bsdf type="dielectric"/></shape>"""
+
+
+@pytest.mark.parametrize("glass", [THIN.format(bsdf="thindielectric"), SLAB], ids=["thin", "slab"])
+def test_a_small_lamp_behind_clear_glass_is_found_by_shadow_rays(glass, tmp_path):
+    # Of the rays that a BSDF chooses, one in hundreds meets the lamp: all that a point has would be noise.
+    (tmp_path / "bulb.xml").write_text(BULB.format(glass=glass))
+    scene = load(str(tmp_path / "bulb.xml"))
+    everywhere = draw_surface(scene, 4096, 3, floor=1).points
+    points = everywhere[np.flatnonzero(frames(scene, everywhere)[0][:, 2] > 0.99)[:POINTS]]
+    light = LampLight(Radiosity(scene, everywhere, 4, 1024), group_lamps(scene, parse_lamps(())), 5)
+    found = light.shares(points, 64, 6, 8)
+    a, b = static(scene, points, 4096, 7)
+    reference = 0.5 * (a + b)
+    print(
+        found.radiance[:, 0].mean(axis=0),
+        reference.mean(axis=0),
+        np.abs(found.half_a - found.half_b).mean() / reference.mean(),
+    )
+    np.testing.assert_allclose(found.radiance[:, 0].mean(axis=0), reference.mean(axis=0), rtol=0.05)
+    assert np.abs(found.half_a - found.half_b).mean() < 0.1 * reference.mean()

@@ -86,7 +86,7 @@ def test_refusals(cornell, roaming, tmp_path):
         load_samples(tmp_path, shards=2)
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     (tmp_path / "manifest.json").write_text(json.dumps({**manifest, "version": 99}))
-    with pytest.raises(ValueError, match="version 99, expected 9"):
+    with pytest.raises(ValueError, match="version 99, expected 10"):
         load_samples(tmp_path)
 
 
