@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 from lightwell.backend import dr, mi, upload_floats, upload_integers
-from lightwell.machine import threads
 from lightwell.scenes.executor import Arrays, Recipe
 from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
@@ -324,7 +323,7 @@ class Radiosity:
             of_channel = direct[part] if direct.ndim == 2 else direct[part, :, c]
             out[part, :-1, c] = (transfer[c] @ np.ascontiguousarray(of_channel.T)).T
 
-        with ThreadPoolExecutor(threads()) as pool:
+        with ThreadPoolExecutor(dr.thread_count()) as pool:
             for _ in pool.map(add, product(starts, range(3))):
                 pass
         return out
