@@ -356,7 +356,7 @@ def emission_met(scene, sources, panes, rng, ray, β, prev, chosen):
 
 
 def _passes(panes: Panes | None, si: mi.SurfaceInteraction3f, sample: mi.BSDFSample3f, active: mi.Bool) -> mi.Bool:
-    """Whether rays go where shadow rays do, that may pass all that they have met before."""
+    """[N] whether rays go on behind surfaces that shadow rays pass too."""
     if panes is None:
         return mi.Bool(False)
     has = lambda flag: mi.has_flag(sample.sampled_type, flag)  # noqa: E731

@@ -84,7 +84,7 @@ def _find(scene: Scene) -> Panes | None:
 
 
 def unblocked(
-    scene: mi.Scene, panes: Panes | None, ray: mi.Ray3f, active: mi.Bool, delta: mi.Bool
+    scene: mi.Scene, panes: Panes | None, ray: mi.Ray3f, active: mi.Bool, through: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float]:
     """Trace shadow rays.
 
@@ -93,7 +93,7 @@ def unblocked(
         panes: What they may pass; None: nothing.
         ray: [N] rays, which end at the light.
         active: [N] lanes.
-        delta: [N] whether the light has no extent; other rays pass nothing.
+        through: [N] whether rays pass panes: those to a light without extent, or all; others stop.
 
     Returns:
         [N] transmittance, 0 where something stands in the way; and the chance with which a random ray from the light
@@ -102,18 +102,18 @@ def unblocked(
     if panes is None:
         seen = mi.Float(dr.select(active & ~scene.ray_test(ray, active), 1, 0))
         return mi.Spectrum(seen), seen
-    T, q = _unblocked(scene, panes, ray, active, delta)
+    T, q = _unblocked(scene, panes, ray, active, through)
     return dr.select(active, T, 0), dr.select(active, q, 0)
 
 
 @dr.syntax
-def _unblocked(scene, panes, ray, active, delta):
+def _unblocked(scene, panes, ray, active, through):
     T, q, passed = mi.Spectrum(1), mi.Float(1), mi.UInt32(0)
     ray, active = mi.Ray3f(ray), mi.Bool(active)
     while dr.hint(active, label="lightwell shadow ray"):
         si = scene.ray_intersect(ray, mi.RayFlags.All, False, active)
         met = active & si.is_valid()
-        here, chance = panes.passes(si, met & delta & (passed < PASSED))
+        here, chance = panes.passes(si, met & through & (passed < PASSED))
         T, q = dr.select(met, T * here, T), dr.select(met, q * chance, q)
         left = ray.maxt - si.t
         ray = si.spawn_ray(ray.d)
