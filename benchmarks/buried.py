@@ -14,7 +14,7 @@ import sys
 
 import numpy as np
 from rows import publish, without_bar
-from zoo_scenes import SUBSET, scenes
+from zoo_scenes import SUBSET, present
 
 from lightwell.scenes.load import load
 from lightwell.scenes.placing import sample_cameras
@@ -51,13 +51,10 @@ def main(argv: list[str]) -> int:
     parser.add_argument("scenes", nargs="*", help="names of the zoo (default: eight of them)")
     parser.add_argument("--publish", action="store_true", help="write the rows")
     arguments = parser.parse_args(argv)
-    found, rows = scenes(), []
+    rows = []
     print(f"{'scene':24} {'by area':>8} {'in view':>8}")
-    for name in arguments.scenes or SUBSET:
-        if name not in found:
-            print(f"{name:24} not on this machine")
-            continue
-        scene = load(found[name])
+    for name, path in present(arguments.scenes or SUBSET):
+        scene = load(path)
         area, view = 100 * by_area(scene), 100 * in_view(scene)
         print(f"{name:24} {area:7.2f}% {view:7.2f}%", flush=True)
         rows += [without_bar(f"{name}: buried by area", area, "%"), without_bar(f"{name}: buried in view", view, "%")]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from rows import publish, without_bar
-from zoo_scenes import SUBSET, scenes
+from zoo_scenes import SUBSET, present
 
 from lightwell.scenes.load import load
 from lightwell.scenes.scene import Scene
@@ -67,20 +67,18 @@ def main(argv: list[str]) -> int:
     parser.add_argument("scenes", nargs="*", help="names of the zoo (default: 12 of them)")
     parser.add_argument("--publish", action="store_true", help="write the rows")
     arguments = parser.parse_args(argv)
-    found, rows, energies = scenes(), [], []
+    rows, energies = [], []
     print(f"{'scene':24} {'energy':>7} {'lamps, middle 80 %':>19} {'error':>6}")
-    for name in arguments.scenes or [*SUBSET, *OTHERS]:
-        if name not in found:
-            print(f"{name:24} not on this machine")
-            continue
-        light = measure(load(found[name]))
+    for name, path in present(arguments.scenes or [*SUBSET, *OTHERS]):
+        light = measure(load(path))
         energies.append(light.energy)
         print(f"{name:24} {light.energy:7.3f} {light.low:9.3f} {light.high:9.3f} {light.error:6.3f}", flush=True)
         note = (
             f"middle 80 % of the lamps: {light.low:.3f} to {light.high:.3f}; median error of a sample {light.error:.3f}"
         )
         rows.append(without_bar(f"{name}: light of samples over that of full paths", light.energy, "of 1", note))
-    rows.append(without_bar("median: light of samples over that of full paths", float(np.median(energies)), "of 1"))
+    if energies:
+        rows.append(without_bar("median: light of samples over that of full paths", float(np.median(energies)), "of 1"))
     if arguments.publish:
         publish("gathered_light", rows)
     return 0

@@ -14,7 +14,7 @@ import sys
 
 import numpy as np
 from rows import publish, without_bar
-from zoo_scenes import scenes
+from zoo_scenes import present
 
 from lightwell.scenes.load import load
 from lightwell.scenes.scene import Scene
@@ -54,13 +54,10 @@ def main(argv: list[str]) -> int:
     parser.add_argument("scenes", nargs="*", help="names of the zoo (default: five with lamps of their own)")
     parser.add_argument("--publish", action="store_true", help="write the rows")
     arguments = parser.parse_args(argv)
-    found, rows = scenes(), []
+    rows = []
     print(f"{'scene':24} {'energy':>8} {'noise':>8}")
-    for name in arguments.scenes or CHOSEN:
-        if name not in found:
-            print(f"{name:24} not on this machine")
-            continue
-        scene = load(found[name])
+    for name, path in present(arguments.scenes or CHOSEN):
+        scene = load(path)
         if not scene.has_static_light:
             print(f"{name:24} no light of its own")
             continue

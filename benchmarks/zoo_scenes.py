@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
@@ -74,3 +75,13 @@ def scenes() -> dict[str, str]:
         if files:
             found[folder.name] = str(files[0])
     return dict(sorted(found.items()))
+
+
+def present(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Name and what ``lightwell bake`` is given, of those of some scenes that are here; prints the others."""
+    found = scenes()
+    for name in names:
+        if name in found:
+            yield name, found[name]
+        else:
+            print(f"{name:24} not on this machine")
