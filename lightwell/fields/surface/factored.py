@@ -114,16 +114,16 @@ PRESETS: dict[str, FactoredPreset] = {
     ),
 }
 
-# The default in scenes with light of their own: two fields, together at most 300 kB and 1,500 multiply-adds. Seven
-# scenes, 1,000 steps, against heads of 24-16 for both (2,676) and 2^13 entries for the scene's own light: -0.12 dB for
-# the moving light, -0.5 dB for the scene's own. Second layers of 8 to 16 units in place of 6 gain nothing; a head of
-# 14-8 for the moving light: -0.46 dB.
+# The default in scenes with light of their own: two fields, together at most 300 kB and, with glossy surfaces, 1,950
+# multiply-adds. At most 1,500, by heads of 20-6 for the moving light, cost little at 1,000 steps (-0.12 dB, seven
+# scenes), but the more at as many steps as a bake has (2,700: -1.8 dB in bevy-cornell, -0.1 dB in drake-living-room;
+# whole bakes: six of six scenes worse, by 0.9 dB and a FLIP of 0.009). The scene's own light needs less.
 TWO_FIELDS: dict[str, FactoredPreset] = {
     "indirect": FactoredPreset(
-        replace(_DEFAULT_GRID, growth=1.7, entries_log2=14), hidden=(20, 14), mirror=_MIRROR, glossy_hidden=(20, 6)
+        replace(_DEFAULT_GRID, growth=1.7, entries_log2=14), mirror=_MIRROR, glossy_hidden=(24, 16)
     ),
     "static": FactoredPreset(
-        HashGrid(levels=4, base=7, growth=1.65, entries_log2=14, decay=(0.0, 0.2, 2.0, 6.0)),
+        HashGrid(levels=4, base=7, growth=1.6, entries_log2=14, decay=(0.0, 0.2, 2.0, 6.0)),
         hidden=(20, 12),
         mirror=replace(_MIRROR, levels=1),
         glossy_hidden=(12, 6),
