@@ -21,6 +21,7 @@ import numpy as np
 
 from lightwell.backend import dr, mi
 from lightwell.networks.hashgrid import HashGrid
+from lightwell.networks.head import FUSED, fused_head
 from lightwell.networks.mlp import (
     ACTIVATIONS,
     activations_of,
@@ -107,25 +108,18 @@ class FactoredNetwork:
         products: see ``Mlp``.
         """
         points, pixel, frame = inputs
-        rows, units, act = points.shape[0], self.hidden[0], ACTIVATIONS[self.activation]
+        rows, units = points.shape[0], self.hidden[0]
         layer = self._emit(parameters, frame)
         lights = layer.shape[0]
-        weights = dr.reshape(layer[:, : -self.hidden[0]], (lights, self.features, units))
-        bias = dr.reshape(layer[:, -self.hidden[0] :], (lights, 1, units))
-
-        def per_light(u: Any) -> Any:
-            return dr.reshape(u, (lights, rows // lights, u.shape[1]))
-
-        if self.mirror is None:
-            x = dr.matmul(per_light(self.grid(parameters["grid"], points)), weights)
-        else:
-            u = self.grid(parameters["grid"], _columns(points, 0, 3))
-            v = self.mirror(parameters["mirror"], _columns(points, 3, 3))
-            v = v * dr.matmul(_columns(points, 6, 1), _ones(1, self.mirror.width))
-            own, seen = weights[:, : self.grid.width, :], weights[:, self.grid.width :, :]
-            x = dr.matmul(per_light(u), own) + dr.matmul(per_light(v), seen)
-        x = x + dr.matmul(_ones(lights, rows // lights, 1), bias)
-        x = act(dr.reshape(x, (rows, units)) + dr.matmul(pixel, parameters["pixel_w"]))
+        # A feature of 1 takes the bias, which follows W: the gradient of a product is summed in a fixed order.
+        u = dr.custom(_Features, self, parameters["grid"], parameters.get("mirror"), points)
+        u = dr.reshape(u, (lights, rows // lights, self.features + 1))
+        z = dr.reshape(dr.matmul(u, dr.reshape(layer, (lights, self.features + 1, units))), (rows, units))
+        if FUSED:
+            names = [f"{name}{k}" for k in range(len(self.hidden)) for name in "wb"]
+            weights = [parameters[name] for name in ("pixel_w", *names)]
+            return fused_head((self.activation, *self.head_activations), z, pixel, weights)
+        x = ACTIVATIONS[self.activation](z + dr.matmul(pixel, parameters["pixel_w"]))
         return apply_layers(parameters, x, self.head_activations)
 
     def decayed(self, values: Mapping[str, Any], gradients: dict[str, Any]) -> dict[str, Any]:
@@ -163,12 +157,45 @@ class FactoredNetwork:
         return evaluate_network(self, parameters, inputs)
 
 
-def _columns(table: Any, first: int, count: int) -> Any:
-    """[B, count] neighbouring columns of a table that is not differentiated."""
-    rows, width = table.shape
-    lane = dr.arange(mi.UInt32, rows * count)
-    value = dr.gather(mi.Float, table.array, lane // count * width + first + lane % count)
-    return mi.TensorXf(value, (rows, count))
+class _Features(dr.CustomOp):
+    """[B, U + 1] features of the points: of the grid, of what they reflect, and 1."""
+
+    def eval(self, network: FactoredNetwork, grid: Any, mirror: Any, points: Any) -> Any:
+        self._network, count, width = network, points.shape[0], network.features + 1
+        self._at = _part(points, 0)
+        out = dr.empty(mi.Float, count * width)
+        network.grid.write(out, width, 0, grid, self._at)
+        if network.mirror:
+            self._exit, self._share = _part(points, 3), _share(points)
+            network.mirror.write(out, width, network.grid.width, mirror, self._exit, self._share)
+        last = dr.arange(mi.UInt32, count) * width + network.features
+        dr.scatter(out, mi.Float(1), last, mode=dr.ReduceMode.Permute)
+        return mi.TensorXf(out, (count, width))
+
+    def backward(self) -> None:
+        gradient, grid, mirror = self.grad_out(), self._network.grid, self._network.mirror
+        self.set_grad_in("grid", grid.gradient(self._at, gradient))
+        if mirror:
+            self.set_grad_in("mirror", mirror.gradient(self._exit, gradient, grid.width, self._share))
+
+    def forward(self) -> None:
+        raise NotImplementedError("features are differentiated in reverse mode only")
+
+    def name(self) -> str:
+        return "features"
+
+
+def _part(points: Any, first: int) -> Any:
+    """[B, 3] neighbouring columns of a table."""
+    rows, width = points.shape
+    lane = dr.arange(mi.UInt32, rows * 3)
+    return mi.TensorXf(dr.gather(mi.Float, points.array, lane // 3 * width + first + lane % 3), (rows, 3))
+
+
+def _share(points: Any) -> Any:
+    """[B] what features that are read at the exit are multiplied by."""
+    rows, width = points.shape
+    return dr.gather(mi.Float, points.array, dr.arange(mi.UInt32, rows) * width + 6)
 
 
 def _ones(*shape: int) -> Any:

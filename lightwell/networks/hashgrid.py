@@ -113,37 +113,62 @@ class HashGrid:
         Returns:
             [B, L · C] features.
         """
-        count = points.shape[0]
+        out = dr.empty(mi.Float, points.shape[0] * self.width)
+        self.write(out, self.width, 0, table, points)
+        return mi.TensorXf(out, (points.shape[0], self.width))
+
+    def write(self, out: Any, width: int, first: int, table: Any, points: Any, factor: Any = None) -> None:
+        """Write features to neighbouring columns of a table, without derivatives.
+
+        Args:
+            out: [B · width] array of the table.
+            width: Columns of the table.
+            first: First column.
+            table: [entries, C] tensor.
+            points: [B, 3] points in [0, 1]³.
+            factor: [B] what the features of each point are multiplied by; None: 1.
+        """
         total = [mi.Vector4f(0)] * self.packets
         for entry, weight in self._corners(points):
             rows = [dr.gather(mi.Vector4f, table.array, entry * self.packets + k) for k in range(self.packets)]
             total = [t + weight * row for t, row in zip(total, rows)]
         # One lane per (point, level): its channels are adjacent.
-        lane = dr.arange(mi.UInt32, count * self.levels) * self.packets
-        out = dr.empty(mi.Float, count * self.width)
+        point, at = self._places(points.shape[0], width, first)
+        scale = 1 if factor is None else dr.gather(mi.Float, factor, point)
         for packet, value in enumerate(total):
-            dr.scatter(out, value, lane + packet)
-        return mi.TensorXf(out, (count, self.width))
+            for k in range(PACKET):
+                # Without the mode each of these would be a kernel of its own.
+                dr.scatter(out, value[k] * scale, at + (PACKET * packet + k), mode=dr.ReduceMode.Permute)
 
-    def gradient(self, points: Any, features: Any) -> Any:
+    def gradient(self, points: Any, features: Any, first: int = 0, factor: Any = None) -> Any:
         """Compute the gradient of the table; the sum does not depend on the order of its terms.
 
         Args:
             points: [B, 3] points in [0, 1]³.
-            features: [B, L · C] gradient of the features.
+            features: [B, ≥ first + L · C] gradient of the features, from the column ``first`` on.
+            first: First column.
+            factor: [B] what the features of each point were multiplied by; None: 1.
 
         Returns:
             [entries, C] gradient.
         """
-        lane = dr.arange(mi.UInt32, points.shape[0] * self.levels) * self.packets
         # Unsigned sums of two's complement numbers are exact. Packets are ten times faster than single numbers.
         total = dr.zeros(mi.UInt64, self.entries * self.channels)
-        parts = [dr.gather(mi.Vector4f, features.array, lane + k) * FIXED_POINT for k in range(self.packets)]
+        point, at = self._places(points.shape[0], features.shape[1], first)
+        scale = FIXED_POINT if factor is None else FIXED_POINT * dr.gather(mi.Float, factor, point)
+        single = [dr.gather(mi.Float, features.array, at + k) * scale for k in range(self.channels)]
+        parts = [mi.Vector4f(*single[k : k + PACKET]) for k in range(0, self.channels, PACKET)]
         for entry, weight in self._corners(points):
             for packet, part in enumerate(parts):
                 value = UInt64x4(Int64x4(weight * part))
                 dr.scatter_add(total, value, entry * self.packets + packet)
         return mi.TensorXf(mi.Float(mi.Int64(total)) / FIXED_POINT, (self.entries, self.channels))
+
+    def _places(self, points: int, width: int, first: int) -> tuple[Any, Any]:
+        """Point of each (point, level), and index of its first channel in rows of ``width`` columns."""
+        lane = dr.arange(mi.UInt32, points * self.levels)
+        point = lane // self.levels
+        return point, point * width + (lane - point * self.levels) * self.channels + first
 
     def decayed(self, table: Any, gradient: Any) -> Any:
         """Add the gradient of the penalty Σ decay · mean square of a level.

@@ -14,6 +14,10 @@ from lightwell.graph.ops.activate import EXP_HIGH, EXP_LOW
 from lightwell.networks.device import tensor, tensors
 
 
+def _sigmoid(x: Any) -> Any:
+    return 1 / (1 + dr.exp(-x))
+
+
 def _silu(x: Any) -> Any:
     return x / (1 + dr.exp(-x))
 
@@ -27,12 +31,24 @@ def _softplus(x: Any) -> Any:
 ACTIVATIONS = {
     "identity": lambda x: x,
     "relu": lambda x: dr.maximum(x, 0),
-    "sigmoid": lambda x: 1 / (1 + dr.exp(-x)),
+    "sigmoid": _sigmoid,
     "silu": _silu,
     "sine": dr.sin,
     "softplus": _softplus,
     "tanh": dr.tanh,
     "exp": lambda x: dr.exp(dr.clip(x, EXP_LOW, EXP_HIGH)),
+}
+
+# Derivatives of the same, of an argument x and the value y there.
+DERIVATIVES: dict[str, Callable[[Any, Any], Any]] = {
+    "identity": lambda x, y: 1,
+    "relu": lambda x, y: dr.select(x > 0, 1, 0),
+    "sigmoid": lambda x, y: y * (1 - y),
+    "silu": lambda x, y: _sigmoid(x) * (1 - y) + y,
+    "sine": lambda x, y: dr.cos(x),
+    "softplus": lambda x, y: _sigmoid(x),
+    "tanh": lambda x, y: 1 - y * y,
+    "exp": lambda x, y: dr.select((x > EXP_LOW) & (x < EXP_HIGH), y, 0),
 }
 
 
