@@ -18,7 +18,7 @@ SCORING_SHARE, SCORING_LEAST, SCORING_MOST = 0.35, 10.0, 240.0
 # Tracing and training get at least this share of the budget, however long loading took.
 LEAST_LEARNING_SHARE = 0.2
 # Share of tracing in the time before scoring, for the estimate that is printed at the start.
-TRACING_SHARE = 0.5
+TRACING_SHARE = 0.65
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,8 @@ def test_a_plan_has_no_more_shards_than_hold_something_new(most, expected):
 
 
 def test_a_plan_spends_the_time_that_is_left():
-    samples = plan_samples(100, 1.5, 4.0, None, shared=False)
-    traced = 1.5 * samples.shards + 4.0 * samples.adaptive_shards
+    samples = plan_samples(100, 2.0, 4.0, None, shared=False)
+    traced = 2.0 * samples.shards + 4.0 * samples.adaptive_shards
     steps = plan_steps(100 - traced, 0.02, None)
     assert 0.85 * TRACE_SHARE * 100 <= traced <= TRACE_SHARE * 100 + 2 and 95 <= traced + 0.02 * steps.steps <= 101
     assert 0 < samples.adaptive_shards < samples.shards and 0 < steps.first_steps < steps.steps
@@ -141,7 +141,7 @@ def test_the_shares_of_the_wall_time_add_up():
 
 
 def test_the_estimate_names_the_stages():
-    assert estimate(Budget(180)) == "about 3 min: 60 s tracing, 60 s training, 65 s scoring"
+    assert estimate(Budget(180)) == "about 3 min: 75 s tracing, 40 s training, 65 s scoring"
     assert estimate(Budget(1200)).startswith("about 20 min: ")
     assert estimate(Budget(None, 0.05)) == ""
 

@@ -20,9 +20,9 @@ from lightwell.core.work import WorkPart
 
 # Share of the time left that the shared samples of several fields are traced in; each then trains as long as they took.
 SHARED_TRACE_SHARE = 0.5
-# Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards: more of
-# them are worth more than steps (drake-living-room, dB: 12 shards and 4,300 steps 30.2, 17 and 3,000 31.5, 22 and 1,650
-# 31.9, 32 and 3,000 32.4, 32 and 6,000 32.5), as long as there are 1,500 steps.
+# Share of a role's time for what is traced before the first gathered shard, and of what is left then for shards: more
+# of them are worth more than steps (drake-living-room, dB: 12 shards and 4,300 steps 30.2, 17 and 3,000 31.5, 22 and
+# 1,650 31.9, 32 and 3,000 32.4, 32 and 6,000 32.5), as long as there are 1,500 steps.
 GATHER_SHARE, TRACE_SHARE = 0.4, 0.7
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
