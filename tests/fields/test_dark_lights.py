@@ -43,3 +43,12 @@ def test_a_light_that_lights_nothing_is_refused_by_its_name(light, said):
     dark = Samples(SimpleNamespace(), black, black, np.ones(16, np.float32), np.zeros(16, np.uint32))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=re.escape(said)):
         radiance_unit(dark, light)
+
+
+def test_one_bright_sample_does_not_make_the_others_black():
+    radiance = np.random.default_rng(0).random((20_000, 3)).astype(np.float32)
+    lit = Samples(SimpleNamespace(), radiance, radiance, np.ones(20_000, np.float32), np.zeros(20_000, np.uint32))  # type: ignore[arg-type]
+    unit = radiance_unit(lit)
+    assert unit == pytest.approx(4 * radiance.mean(), rel=1e-5)
+    radiance[7] = 1e7
+    assert unit < radiance_unit(lit) < 1.02 * unit
