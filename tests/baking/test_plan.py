@@ -27,6 +27,7 @@ from lightwell.fields.surface.plan import (
     MOST_GATHERED,
     MOST_SHARDS,
     MOST_TIMES,
+    PATHS_SHARE,
     TRACE_SHARE,
     LastPlan,
     SamplePlan,
@@ -98,9 +99,9 @@ def test_a_fast_machine_is_bounded_by_memory():
 
 def test_samples_have_more_paths_where_shards_are_cheap():
     dear, fair, cheap = (plan_paths(100, cost) for cost in (2.0, 0.4, 0.001))
-    assert (dear, fair, cheap) == (1, int(TRACE_SHARE * 100 / (MOST_SHARDS * 0.4)), MOST_TIMES)
-    # They take the time of tracing, and no more of it.
-    assert MOST_SHARDS * 0.4 * fair <= TRACE_SHARE * 100 and plan_paths(-5, 1.0) == 1
+    assert (dear, fair, cheap) == (1, int(PATHS_SHARE * 100 / (MOST_SHARDS * 0.4)), MOST_TIMES)
+    # They take a part of the time of tracing.
+    assert MOST_SHARDS * 0.4 * fair <= PATHS_SHARE * 100 < TRACE_SHARE * 100 and plan_paths(-5, 1.0) == 1
 
 
 def test_less_is_gathered_where_time_is_short():

@@ -24,6 +24,9 @@ SHARED_TRACE_SHARE = 0.5
 # of them are worth more than steps (drake-living-room, dB: 12 shards and 4,300 steps 30.2, 17 and 3,000 31.5, 22 and
 # 1,650 31.9, 32 and 3,000 32.4, 32 and 6,000 32.5), as long as there are 1,500 steps.
 GATHER_SHARE, TRACE_SHARE = 0.4, 0.7
+# Most of that time that more paths of a sample may take: steps are worth more than these (bevy-cornell, 32 shards, dB:
+# 64 paths and 3,000 steps 35.9, 128 paths and 1,500 steps 34.9).
+PATHS_SHARE = 0.5
 # Share of the shards' time, and most of their number, that the adaptive stage places where the error is.
 ADAPTIVE_SHARE = 0.25
 # Rays of a point whose light is gathered, by quality.
@@ -192,7 +195,7 @@ def plan_paths(seconds: float, seconds_per_shard: float) -> int:
     Returns:
         How many times as many they get.
     """
-    affordable = TRACE_SHARE * seconds / max(MOST_SHARDS * seconds_per_shard, 1e-6)
+    affordable = PATHS_SHARE * seconds / max(MOST_SHARDS * seconds_per_shard, 1e-6)
     return int(np.clip(affordable, 1, MOST_TIMES))
 
 
