@@ -1,11 +1,11 @@
-"""The head of a pixel's network in one kernel forward, one backward, and one product for the gradients of all weights.
+"""The head of a pixel's network: one kernel forward, one backward, and one product for the gradients of each layer.
 
     h_0 = act_0(z + V g),   h_k+1 = act_k+1(W_k h_k + b_k)
 
 Layers of a few units over thousands of rows leave products of whole matrices little to do: most of their time is spent
 on packing, launches and on writing what lies between two layers. Here a row stays in registers (Dr.Jit's cooperative
-vectors). The gradients of weights are sums over rows; as a product of matrices they are summed in a fixed order, so
-that the same seed gives the same weights.
+vectors). The gradients of weights are sums over rows; a product of matrices adds them in a fixed order, so that the
+same seed gives the same weights.
 
 Notation: B rows, G inputs of a pixel, H units of the first layer.
 """
@@ -23,7 +23,7 @@ FUSED = not ACTIVE.variant.startswith("cuda")
 
 
 def fused_head(activations: Sequence[str], z: Any, pixel: Any, weights: Sequence[Any]) -> Any:
-    """Apply the head to a batch, differentiably in ``z`` and ``weights``; not with CUDA.
+    """Apply the head to a batch, differentiably in ``z`` and ``weights``, in reverse mode; not with CUDA.
 
     Args:
         activations: Activation of each layer.
@@ -34,11 +34,12 @@ def fused_head(activations: Sequence[str], z: Any, pixel: Any, weights: Sequence
     Returns:
         [B, out] tensor.
     """
-    return dr.custom(_Head, tuple(activations), z, pixel, list(weights), dr.grad_enabled(z))
+    keep = dr.grad_enabled(z, *weights)
+    return dr.custom(_Head, tuple(activations), z, pixel, list(weights), keep)
 
 
 class _Head(dr.CustomOp):
-    """See the file."""
+    """The head of one batch, and what its gradients need."""
 
     def eval(self, activations: tuple[str, ...], z: Any, pixel: Any, weights: list[Any], keep: bool) -> Any:
         self._activations, self._z, self._pixel, self._weights = activations, z, pixel, weights
@@ -61,7 +62,7 @@ class _Head(dr.CustomOp):
             gradients.insert(0, _table(d, self._count))
             if layer:
                 d = list(dr.nn.matvec(dr.nn.view(self._weights[2 * layer - 1]), dr.nn.CoopVec(*d)))
-        # In one kernel: a product evaluates what it needs by itself.
+        # All in one kernel, before the products, each of which would evaluate its part in one of its own.
         dr.eval(gradients)
         self.set_grad_in("z", gradients[0])
         parts = [dr.matmul(self._pixel, gradients[0], At=True)]
