@@ -146,7 +146,7 @@ def default_field(rounds: int = 7) -> float:
     many = lights * rows
     points, inputs = rng.random((many, 7)).astype(np.float32), rng.standard_normal((many, pixel)).astype(np.float32)
     light, target = rng.standard_normal((lights, frame)).astype(np.float32), 0.2 + rng.random((many, 3))
-    data = LightMajorSet.from_numpy(points, inputs, light, target.astype(np.float32), np.ones(many, np.float32))
+    data = LightMajorSet.of(points, inputs, light, target.astype(np.float32), np.ones((many, 1), np.float32))
     trainer = Trainer(network, preset.training, 0)
     times = []
     for turn in range(rounds + 1):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -42,8 +43,20 @@ class Tabulated:
 
     def __call__(self, query: Query, *names: str) -> dict[str, np.ndarray]:
         """Output name → [N, C] float32; of the outputs with these names, or of all."""
+        return {name: np.array(table) for name, table in self.tensors(query, *names).items()}
+
+    def tensors(self, query: Query, *names: str) -> dict[str, Any]:
+        """Compute outputs and leave them on the device.
+
+        Args:
+            query: N queries.
+            names: Names of the outputs; none: all.
+
+        Returns:
+            [N, C] tensors by name.
+        """
         names = names or tuple(self.graph.outputs)
-        out = {name: np.empty((len(query), self.width(name)), np.float32) for name in names}
+        out = {name: dr.empty(mi.Float, len(query) * self.width(name)) for name in names}
         for begin in range(0, len(query), ROWS_AT_ONCE):
             part = query[begin : begin + ROWS_AT_ONCE]
             inputs = query_inputs(part)
@@ -53,13 +66,12 @@ class Tabulated:
                 if name not in self.frame
             }
             columns |= {name: [dr.opaque(mi.Float, float(c)) for c in value] for name, value in self.frame.items()}
-            outputs = self._compiled(columns)
-            values = {name: outputs[name] for name in names}
-            dr.eval(values)
-            for name, found in values.items():
-                for k, column in enumerate(found):
-                    out[name][begin : begin + len(part), k] = np.array(column)
-        return out
+            outputs, row = self._compiled(columns), dr.arange(mi.UInt32, len(part)) + dr.opaque(mi.UInt32, begin)
+            for name in names:
+                # Whole rows are written by the kernel: copies of single columns took most of the time.
+                dr.scatter(out[name], mi.ArrayXf(outputs[name]), row)
+            dr.eval(out)
+        return {name: mi.TensorXf(out[name], (len(query), self.width(name))) for name in names}
 
 
 def _columns(values: np.ndarray, per_frame: bool) -> list[mi.Float]:

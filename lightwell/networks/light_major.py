@@ -27,22 +27,21 @@ class LightMajorSet:
     """[N, 1] importance weights with mean 1."""
 
     @staticmethod
-    def from_numpy(
-        points: np.ndarray, pixel: np.ndarray, frame: np.ndarray, target: np.ndarray, weight: np.ndarray
-    ) -> LightMajorSet:
-        """Copy rows to the device.
+    def of(points: Any, pixel: Any, frame: Any, target: Any, weight: Any) -> LightMajorSet:
+        """Bring rows to the device: NumPy arrays are copied, tensors are there.
 
         Args:
             points: [N, 3] places in the grid.
             pixel: [N, G] other inputs of a pixel.
             frame: [K, F] inputs of the light network.
             target: [N, 3] targets in unit S.
-            weight: [N] importance weights.
+            weight: [N, 1] importance weights.
 
         Returns:
             The rows on the device.
         """
-        return LightMajorSet(*(tensor(a) for a in (points, pixel, frame, target, np.reshape(weight, (-1, 1)))))
+        columns = (points, pixel, frame, target, weight)
+        return LightMajorSet(*(tensor(a) if isinstance(a, np.ndarray) else a for a in columns))
 
     def __len__(self) -> int:
         return self.points.shape[0]

@@ -1,12 +1,14 @@
 """Normal maps in NumPy: the shading normal of surface points as the path tracer and rasterisers perturb it.
 
-Notation: N points; n the normal, on the camera's side; t along u, b along −v (glTF 2.0: green points up in the image).
+Notation: N points, vectors [3, N]; n the normal, on the camera's side; t along u, b along −v (glTF 2.0: green points up
+in the image).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from lightwell.scenes.corners import Corners, Vertices, crosses, dots, lengths
 from lightwell.scenes.materials import sampled
 from lightwell.scenes.scene import Material, Mesh, Scene
 
@@ -39,24 +41,26 @@ def relief(scene: Scene) -> np.ndarray:
 
 
 def shading_normals(
-    scene: Scene, shape: np.ndarray, triangle: np.ndarray, barycentric: np.ndarray, normal: np.ndarray
+    scene: Scene, vertices: Vertices, bends: np.ndarray, shape: np.ndarray, corners: Corners, normal: np.ndarray
 ) -> np.ndarray:
     """Perturb normals by the normal maps of the materials.
 
     Args:
         scene: Scene of the points.
+        vertices: Its vertices.
+        bends: [M] result of ``relief``.
         shape: [N] indices into ``scene.meshes``.
-        triangle: [N] indices into that mesh's triangles.
-        barycentric: [N, 2] weights of the triangle's second and third vertex.
-        normal: [N, 3] unit interpolated normals on the camera's side.
+        corners: Corners of the points.
+        normal: [3, N] unit interpolated normals on the camera's side.
 
     Returns:
-        [N, 3] float32 unit normals.
+        [3, N] float32 unit normals.
     """
     bent = np.array(normal, np.float32)
-    for number in np.unique(np.asarray(shape)[relief(scene)[shape]]):
-        rows = np.flatnonzero(shape == number)
-        bent[rows] = _bent(scene, scene.meshes[number], triangle[rows], barycentric[rows], normal[rows])
+    number = np.where(bends[shape], vertices.material[shape], -1)
+    for i in np.unique(number[number >= 0]):
+        rows = np.flatnonzero(number == i)
+        bent[:, rows] = _bent(scene.materials[i], vertices, corners[rows], bent[:, rows])
     return bent
 
 
@@ -67,30 +71,27 @@ def _uv(scene: Scene, mesh: Mesh) -> np.ndarray | None:
     return mesh.uv1 if texture.uv_set else mesh.uv0
 
 
-def _bent(scene: Scene, mesh: Mesh, triangle: np.ndarray, barycentric: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    material, corners = scene.materials[mesh.material], mesh.indices[triangle].astype(np.int64)
-    b = np.asarray(barycentric, np.float64)
-    weights = np.stack([1 - b[:, 0] - b[:, 1], b[:, 0], b[:, 1]], axis=1)
-    texture, coordinates = material.normal_texture, _uv(scene, mesh)
+def _bent(material: Material, vertices: Vertices, corners: Corners, normal: np.ndarray) -> np.ndarray:
+    texture = material.normal_texture
     # Only meshes with relief come here.
-    assert texture is not None and coordinates is not None
-    uv, place = coordinates[corners].astype(np.float64), mesh.positions[corners].astype(np.float64)
-    at = (weights[..., None] * uv).sum(axis=1)
-    texel = sampled(texture, (at, at), linear=True).astype(np.float64) * 2 - 1
-    texel *= [material.normal_scale, material.normal_scale, 1]
-    (u1, v1), (u2, v2) = (uv[:, k].T - uv[:, 0].T for k in (1, 2))
-    e1, e2 = place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]
-    turn = np.where(u1 * v2 - u2 * v1 < 0, -1.0, 1.0)[:, None]
-    along_u, along_v = (e1 * v2[:, None] - e2 * v1[:, None]) * turn, (e2 * u1[:, None] - e1 * u2[:, None]) * turn
+    assert texture is not None
+    uv = corners.values(vertices.uv1 if texture.uv_set else vertices.uv0)
+    place = corners.values(vertices.positions)
+    texel = sampled(texture, corners.between(uv), linear=True).astype(np.float64) * 2 - 1
+    texel[:2] *= material.normal_scale
+    (u1, v1), (u2, v2) = uv[1] - uv[0], uv[2] - uv[0]
+    e1, e2 = place[1] - place[0], place[2] - place[0]
+    turn = np.where(u1 * v2 - u2 * v1 < 0, -1.0, 1.0)
+    along_u, along_v = (e1 * v2 - e2 * v1) * turn, (e2 * u1 - e1 * u2) * turn
     n = normal.astype(np.float64)
-    t = along_u - n * (n * along_u).sum(axis=1, keepdims=True)
-    size = np.linalg.norm(t, axis=1, keepdims=True)
+    t = along_u - n * dots(n, along_u)
+    size = lengths(t)
     t /= np.maximum(size, 1e-300)
-    b = np.cross(n, t)
-    b *= np.where((b * along_v).sum(axis=1, keepdims=True) > 0, -1.0, 1.0)
+    b = crosses(n, t)
+    b *= np.where(dots(b, along_v) > 0, -1.0, 1.0)
     # Seen from the back, bumps are dents; normals that point into the surface are mirrored to the camera's side.
-    side = np.where((np.cross(e1, e2) * n).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-    bent = side * (texel[:, :1] * t + texel[:, 1:2] * b) + np.abs(texel[:, 2:]) * n
-    length = np.linalg.norm(bent, axis=1, keepdims=True)
-    good = (length > SHORTEST) & (size > 0) & np.isfinite(bent).all(axis=1, keepdims=True)
+    side = np.where(dots(crosses(e1, e2), n) < 0, -1.0, 1.0)
+    bent = side * (texel[0] * t + texel[1] * b) + np.abs(texel[2]) * n
+    length = lengths(bent)
+    good = (length > SHORTEST) & (size > 0) & np.isfinite(length)
     return np.where(good, bent / np.maximum(length, SHORTEST), n).astype(np.float32)

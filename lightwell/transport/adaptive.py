@@ -13,7 +13,7 @@ the mean of a cell is averaged with that of its object, so that a cell with few 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,12 +52,10 @@ class ResidualDensity:
     """[3] corner of the first light cell."""
     light_size: np.ndarray
     """[3] edges of a light cell."""
-    object_root: np.ndarray
-    """[M] √r of whole objects."""
     space_keys: np.ndarray
-    """Sorted keys of the (object, cube) cells that have samples ..."""
+    """Sorted keys of the S (object, cube) cells that have samples."""
     roots: np.ndarray
-    """[cells + 1, LIGHT_CELLS³] ... and their √r by light cell; the last row is unused."""
+    """[S + M, LIGHT_CELLS³] √r by light cell: of these cells, then of the M objects as wholes."""
 
     def __call__(self, position: np.ndarray, shape: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Look up the density at surface points with their lights.
@@ -70,23 +68,22 @@ class ResidualDensity:
         Returns:
             [N] √r.
         """
-        return self.table(position, shape)[np.arange(len(position)), self.light_cell(light)]
+        return self.roots[self.rows(position, shape), self.light_cell(light)]
 
-    def table(self, position: np.ndarray, shape: np.ndarray) -> np.ndarray:
-        """Look up the density at surface points, for every light cell.
+    def rows(self, position: np.ndarray, shape: np.ndarray) -> np.ndarray:
+        """Find the rows of ``roots`` at surface points.
 
         Args:
             position: [N, 3] points, metres.
             shape: [N] indices of their meshes.
 
         Returns:
-            [N, LIGHT_CELLS³] √r.
+            [N] rows: of an object as a whole where a cell has no samples.
         """
-        key = space_key(position, shape, self.origin, self.size)
+        key, cells = space_key(position, shape, self.origin, self.size), len(self.space_keys)
         row = np.searchsorted(self.space_keys, key)
-        known = self.space_keys[np.minimum(row, len(self.space_keys) - 1)] == key
-        whole = np.broadcast_to(self.object_root[shape][:, None], (len(key), self.roots.shape[1]))
-        return np.where(known[:, None], self.roots[np.where(known, row, -1)], whole)
+        known = self.space_keys[np.minimum(row, cells - 1)] == key
+        return np.where(known, row, cells + shape.astype(np.int64))
 
     def light_cell(self, light: np.ndarray) -> np.ndarray:
         """Find the light cell of each light.
@@ -155,11 +152,11 @@ def residual_density(scene: Scene, samples: Samples, prediction: np.ndarray) -> 
     keys, space = np.unique(space_key(position, samples.shape, origin, size), return_inverse=True)
     owner = keys // (SPACE_CELLS + 1) ** 3
     spaces = _shrunk(r, space, len(keys), objects[owner])
-    empty = ResidualDensity(origin, size, light_low, light_size, objects, keys, np.zeros((1, LIGHT_CELLS**3)))
+    empty = ResidualDensity(origin, size, light_low, light_size, keys, np.zeros((0, LIGHT_CELLS**3)))
     cell = space * LIGHT_CELLS**3 + empty.light_cell(light)
     cells = _shrunk(r, cell, len(keys) * LIGHT_CELLS**3, np.repeat(spaces, LIGHT_CELLS**3))
-    roots = np.sqrt(np.concatenate([cells, np.zeros(LIGHT_CELLS**3)])).reshape(-1, LIGHT_CELLS**3)
-    return ResidualDensity(origin, size, light_low, light_size, np.sqrt(objects), keys, roots)
+    roots = np.concatenate([cells, np.repeat(objects, LIGHT_CELLS**3)]).reshape(-1, LIGHT_CELLS**3)
+    return replace(empty, roots=np.sqrt(roots))
 
 
 def _shrunk(r: np.ndarray, cell: np.ndarray, cells: int, prior: np.ndarray) -> np.ndarray:
@@ -240,9 +237,10 @@ class PairChoice:
             weight: [P] weights of the points.
         """
         self._density, self._weight = density, np.asarray(weight, np.float64)
-        self._table = density.table(position, shape)  # [P, cells]
+        self._row = density.rows(position, shape)
         # Probability of a point: its weight compensates for the floors of the pool, so that 1 means area-uniform.
-        self._sums = np.asfortranarray(np.cumsum(self._table * (self._weight / self._weight.sum())[:, None], axis=0))
+        share = self._weight / self._weight.sum()
+        self._sums = np.stack([np.cumsum(np.take(root, self._row) * share) for root in density.roots.T.copy()])
 
     def __call__(self, lights: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Choose pairs in light-major order.
@@ -255,7 +253,7 @@ class PairChoice:
         Returns:
             Indices of points and of lights [count], and weights [count] float32 (1 / density of the whole mixture).
         """
-        rng, weight, of_cell = np.random.default_rng(seed), self._weight, self._sums[-1]
+        rng, weight, of_cell = np.random.default_rng(seed), self._weight, self._sums[:, -1]
         cell = self._density.light_cell(lights)
         mean = of_cell[cell].mean()
         adaptive = 1 - UNIFORM_SHARE if mean > 0 else 0.0
@@ -266,7 +264,7 @@ class PairChoice:
         of_light = 1 - adaptive + adaptive * of_cell[wanted] / max(mean, TINY)
         # A cell without residual has no adaptive points: they are uniform there.
         local = np.where(of_cell[wanted] > 0, adaptive, 0.0)
-        by_density = local * self._table[point, wanted] / np.maximum(of_cell[wanted], TINY)
+        by_density = local * self._density.roots[self._row[point], wanted] / np.maximum(of_cell[wanted], TINY)
         of_point = (1 - local) / weight[point] + by_density
         return point, light, (1 / (of_light * of_point)).astype(np.float32)
 
@@ -281,15 +279,15 @@ def _choose(rng: np.random.Generator, count: int, odds: np.ndarray, adaptive: fl
 
 
 def _points(rng: np.random.Generator, sums: np.ndarray, cell: np.ndarray, adaptive: float) -> np.ndarray:
-    """Choose points of the pool [N] for rows with light cells ``cell`` [N]; running sums [P, cells] of the odds."""
-    point = np.resize(rng.permutation(len(sums)), len(cell))
+    """Choose points of the pool [N] for rows with light cells ``cell`` [N]; running sums [cells, P] of the odds."""
+    point = np.resize(rng.permutation(sums.shape[1]), len(cell))
     by_odds = rng.random(len(cell)) < adaptive
     for c in np.unique(cell[by_odds]):
         rows = np.flatnonzero(by_odds & (cell == c))
-        total = sums[:, c]
+        total = sums[c]
         if total[-1] > 0:
             point[rows] = np.searchsorted(total, rng.random(len(rows)) * total[-1], side="right")
-    return np.minimum(point, len(sums) - 1)
+    return np.minimum(point, sums.shape[1] - 1)
 
 
 def _default_lights(scene: Scene, variable: Variable) -> Callable[[int, int], np.ndarray]:

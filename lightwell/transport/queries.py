@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
-from lightwell.scenes.normal_maps import shading_normals
+from lightwell.backend import dr
+from lightwell.scenes.corners import Corners, Vertices, crosses, dots, lengths, vertices_of
+from lightwell.scenes.materials import surface_lookup
+from lightwell.scenes.normal_maps import relief, shading_normals
 from lightwell.scenes.scene import Scene
 from lightwell.transport.moved import by_pose, poses_of, with_rest
 from lightwell.transport.samples import Query, SurfacePoints, columns_of
 
-# Smallest reflectance by which a learned value is multiplied (format/FORMAT.md).
-SMALLEST_REFLECTANCE = 1e-3
 # Interpolated normals shorter than this (opposite vertex normals) have no direction; the geometric one is used.
 SHORTEST_NORMAL = 1e-6
+# Points of a block: some forty numbers of each are in use at a time.
+ROWS_AT_ONCE = 1 << 13
 
 
 def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
@@ -49,23 +54,34 @@ def _moving_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Que
 
 
 def _query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:
-    from lightwell.scenes.materials import surface_lookup
-
-    reflectance, roughness, metallic = surface_lookup(scene, points.shape, points.triangle, points.barycentric)
-    position, normal, flat = frames(scene, points)
+    # What the cache of the scene holds is read here: another thread would wait for the one that makes a result.
+    vertices, bends = vertices_of(scene), relief(scene)
     view = np.asarray(points.view, np.float32)
-    # The side is that of the triangle, not of the interpolated normal: it must not switch inside a silhouette triangle.
-    turned = (dot(flat, view) < 0) != (dot(flat, normal) < 0)
-    normal = np.where(turned, -normal, normal)
+    position, normal, bent, reflectance = np.empty((4, len(points), 3), np.float32)
+    roughness, metallic = np.empty((2, len(points), 1), np.float32)
+
+    def fill(rows: slice) -> None:
+        shape, corners = _corners(vertices, points, rows)
+        place, smooth, flat = _frames(vertices, corners)
+        towards = view[rows].T
+        # The side is that of the triangle, not of the interpolated normal: it must not switch inside a silhouette
+        # triangle.
+        smooth = np.where((dots(flat, towards) < 0) != (dots(flat, smooth) < 0), -smooth, smooth)
+        looked = surface_lookup(scene, vertices, shape, corners)
+        position[rows], normal[rows] = place.T, smooth.T
+        bent[rows] = shading_normals(scene, vertices, bends, shape, corners, smooth).T
+        reflectance[rows], roughness[rows, 0], metallic[rows, 0] = looked[0].T, looked[1], looked[2]
+
+    _by_blocks(len(points), fill)
     return Query(
         position=position,
         normal=normal,
-        shading_normal=shading_normals(scene, points.shape, points.triangle, points.barycentric, normal),
+        shading_normal=bent,
         view=view,
         light=np.array(np.broadcast_to(np.asarray(light, np.float32), (len(points), 3))),
-        reflectance=np.maximum(np.asarray(reflectance, np.float32), SMALLEST_REFLECTANCE),
-        roughness=np.asarray(roughness, np.float32).reshape(-1, 1),
-        metallic=np.asarray(metallic, np.float32).reshape(-1, 1),
+        reflectance=reflectance,
+        roughness=roughness,
+        metallic=metallic,
     )
 
 
@@ -93,22 +109,43 @@ def frames(scene: Scene, points: SurfacePoints) -> tuple[np.ndarray, np.ndarray,
         Positions, unit interpolated vertex normals (geometric where a mesh has none) and unit geometric normals on the
         front of the triangles; [N, 3] float32 each.
     """
-    position, normal, flat = np.zeros((3, len(points), 3), np.float32)
-    order = np.argsort(points.shape, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(points.shape[order])) + 1) if len(order) else ():
-        index = int(points.shape[rows[0]])
-        mesh = scene.meshes[index]
-        corners = mesh.indices[points.triangle[rows]]
-        b1, b2 = np.asarray(points.barycentric[rows], np.float64).T
-        weights = np.stack([1 - b1 - b2, b1, b2], axis=-1)[..., None]
-        vertices = mesh.positions[corners].astype(np.float64)
-        position[rows] = (weights * vertices).sum(axis=1)
-        flat[rows] = _unit(np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
-        smooth = flat[rows] if mesh.normals is None else (weights * mesh.normals[corners]).sum(axis=1)
-        usable = np.linalg.norm(smooth, axis=-1, keepdims=True) > SHORTEST_NORMAL
-        normal[rows] = _unit(np.where(usable, smooth, flat[rows]))
+    vertices = vertices_of(scene)
+    position, normal, flat = np.empty((3, len(points), 3), np.float32)
+
+    def fill(rows: slice) -> None:
+        found = _frames(vertices, _corners(vertices, points, rows)[1])
+        position[rows], normal[rows], flat[rows] = (v.T for v in found)
+
+    _by_blocks(len(points), fill)
     return position, normal, flat
 
 
+def _frames(vertices: Vertices, corners: Corners) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What ``frames`` returns, [3, N] float32 each."""
+    place = corners.values(vertices.positions)
+    flat = _unit(crosses(place[1] - place[0], place[2] - place[0])).astype(np.float32)
+    smooth = corners.between(corners.values(vertices.normals))
+    normal = _unit(np.where(lengths(smooth) > SHORTEST_NORMAL, smooth, flat))
+    return corners.between(place).astype(np.float32), normal.astype(np.float32), flat
+
+
+def _corners(vertices: Vertices, points: SurfacePoints, rows: slice) -> tuple[np.ndarray, Corners]:
+    """Meshes and corners of some points."""
+    shape = np.asarray(points.shape[rows], np.int64)
+    return shape, Corners.of(vertices, shape, points.triangle[rows], points.barycentric[rows])
+
+
 def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-30)
+    return v / np.maximum(lengths(v), 1e-30)
+
+
+def _by_blocks(count: int, fill: Callable[[slice], None]) -> None:
+    """Do work for all rows, by all threads, in blocks that stay in their caches."""
+    blocks = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, count, ROWS_AT_ONCE)]
+    if len(blocks) < 2:
+        for rows in blocks:
+            fill(rows)
+        return
+    with ThreadPoolExecutor(dr.thread_count()) as pool:
+        for _ in pool.map(fill, blocks):
+            pass

@@ -82,6 +82,18 @@ class Query:
     def __getitem__(self, rows) -> Query:
         return type(self)(**{name: values[rows] for name, values in columns_of(self).items()})
 
+    def in_runs(self, order: np.ndarray, length: int) -> Query:
+        """Take runs of neighbouring rows, in another order; several times as fast as row by row.
+
+        Args:
+            order: Numbers of runs.
+            length: Rows of a run; it divides N.
+
+        Returns:
+            The rows of these runs.
+        """
+        return type(self)(**{name: _in_runs(values, order, length) for name, values in columns_of(self).items()})
+
 
 @dataclass(frozen=True)
 class Samples:
@@ -118,3 +130,22 @@ class Samples:
 
     def __getitem__(self, rows) -> Samples:
         return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    def in_runs(self, order: np.ndarray, length: int) -> Samples:
+        """Take runs of neighbouring rows, in another order; several times as fast as row by row.
+
+        Args:
+            order: Numbers of runs.
+            length: Rows of a run; it divides N.
+
+        Returns:
+            The rows of these runs.
+        """
+        columns = {f.name: _in_runs(getattr(self, f.name), order, length) for f in fields(self) if f.name != "query"}
+        return type(self)(query=self.query.in_runs(order, length), **columns)
+
+
+def _in_runs(values: np.ndarray, order: np.ndarray, length: int) -> np.ndarray:
+    """Rows of runs of an array [N, ...]."""
+    runs = values.reshape(-1, length, *values.shape[1:])
+    return np.take(runs, order, axis=0).reshape(-1, *values.shape[1:])

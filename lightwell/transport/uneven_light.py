@@ -17,6 +17,8 @@ from lightwell.transport.panes import panes_of, unblocked
 
 # Variance of the irradiance within a bin, over its square, above which it is uneven.
 UNEVEN = 1.0
+# Groups whose sums are made one by one on the device, which takes a tenth of the time of a sum of all in NumPy.
+FEW_GROUPS = 4
 # How far above a surface shadow rays begin, as a share of the scene's size.
 LIFT = 1e-4
 
@@ -100,6 +102,12 @@ def sums_by_group(L: mi.Spectrum, group: mi.UInt32, groups: int, lanes: int) -> 
     Returns:
         [R / lanes, K, 3] sums.
     """
+    if groups <= FEW_GROUPS:
+        of_each = [dr.select(group == k, L, 0) for k in range(groups)]
+        dr.eval(of_each)
+        sums = [dr.block_sum(one, lanes) for one in of_each]
+        dr.eval(sums)
+        return np.stack([np.array(one).T for one in sums], axis=1)
     dr.eval(L, group)
     of_lane, light = np.array(group).astype(np.int64), np.array(L).T
     out = np.zeros((len(of_lane) // lanes * groups, 3))

@@ -14,7 +14,7 @@ from lightwell.fields.surface import factored
 from lightwell.graph import evaluate
 from lightwell.networks.checkpoint import restore
 from lightwell.scenes.scene import Material
-from lightwell.transport.samples import Query, Samples
+from lightwell.transport.samples import Query, Samples, columns_of
 
 SETUP = FieldSetup((0.0, 1.0, 0.0), 1.0, 0.5, "point", (2.0, 2.0, 2.0), False)
 RUN = 64
@@ -88,6 +88,15 @@ def test_a_resumed_fit_ends_with_the_same_bytes(tmp_path):
     for name, value in whole.arrays().items():
         if name.startswith("value."):
             assert np.array_equal(value, found[name]), name
+
+
+def test_runs_of_rows_are_those_of_their_indices():
+    whole, order = samples(), np.random.default_rng(3).permutation(32)
+    found, expected = whole.in_runs(order, RUN), whole[(order[:, None] * RUN + np.arange(RUN)).ravel()]
+    for name, values in columns_of(expected.query).items():
+        np.testing.assert_array_equal(getattr(found.query, name), values)
+    for name in ("half_a", "half_b", "weight", "shape"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_a_broken_target_is_left_out():

@@ -24,7 +24,7 @@ def data() -> LightMajorSet:
     points, pixel, frame = rng.random((rows, 3)), rng.random((rows, 2)), rng.random((LIGHTS, 3))
     # Something that needs point and light together.
     target = 0.2 + (points * frame.repeat(RUN, axis=0)).sum(axis=1, keepdims=True) * np.array([[1.0, 0.5, 0.2]])
-    return LightMajorSet.from_numpy(points, pixel, frame, target, np.ones(rows))
+    return LightMajorSet.of(points, pixel, frame, target, np.ones((rows, 1)))
 
 
 def test_runs_are_found():

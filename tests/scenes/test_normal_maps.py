@@ -10,6 +10,7 @@ from PIL import Image as PillowImage
 from lightwell.backend import dr, mi
 from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
+from lightwell.scenes.corners import Corners, vertices_of
 from lightwell.scenes.normal_maps import relief, shading_normals
 from lightwell.scenes.scene import Image, Material, Mesh, Texture
 
@@ -29,11 +30,18 @@ def wall(texel=TEXEL, scale: float = 1.0, mirrored: bool = False):
     return assemble("wall", [mesh], [material])
 
 
+def bent(scene, shape, triangle, barycentric, normal) -> np.ndarray:
+    """Shading normals [N, 3]."""
+    vertices = vertices_of(scene)
+    corners = Corners.of(vertices, shape, triangle, barycentric)
+    return shading_normals(scene, vertices, relief(scene), shape, corners, normal.T).T
+
+
 def at(scene, normal, count: int = 8) -> np.ndarray:
     rng = np.random.default_rng(2)
     barycentric = 0.5 * rng.random((count, 2), np.float32)
     zero = np.zeros(count, int)
-    return shading_normals(scene, zero, rng.integers(0, 2, count), barycentric, np.tile(np.float32(normal), (count, 1)))
+    return bent(scene, zero, rng.integers(0, 2, count), barycentric, np.tile(np.float32(normal), (count, 1)))
 
 
 def test_the_axes_are_those_of_gltf():
@@ -66,7 +74,7 @@ def test_a_scene_without_relief_keeps_its_normals():
     normal = np.tile(np.float32([[0, 1, 0]]), (4, 1))
     zero = np.zeros(4, int)
     assert not relief(scene).any()
-    assert (shading_normals(scene, zero, zero, np.full((4, 2), 0.2, np.float32), normal) == normal).all()
+    assert (bent(scene, zero, zero, np.full((4, 2), 0.2, np.float32), normal) == normal).all()
     bare = wall()
     stripped = assemble("bare", [replace(bare.meshes[0], uv0=None)], bare.materials)
     assert not relief(stripped).any()
@@ -81,7 +89,7 @@ def test_the_path_tracer_bends_them_alike():
     scene = load("courtyard")
     points = draw_surface(scene, 1000, 1, floor=0, only=relief(scene)).points
     query = make_query(scene, points, np.zeros(3, np.float32))
-    ours = shading_normals(scene, points.shape, points.triangle, points.barycentric, query.normal)
+    ours = bent(scene, points.shape, points.triangle, points.barycentric, query.normal)
     texture = scene.materials[scene.meshes[int(np.flatnonzero(relief(scene))[0])].material].normal_texture
     pixels = texture.image.pixels[..., :3].astype(np.float32) / 255
     bitmap = {"type": "bitmap", "data": mi.TensorXf(pixels), "raw": True, "wrap_mode": "repeat"}

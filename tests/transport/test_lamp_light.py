@@ -16,6 +16,7 @@ from lightwell.transport.queries import frames
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import SurfacePoints
 from lightwell.transport.surface import draw_surface
+from lightwell.transport.uneven_light import FEW_GROUPS, sums_by_group
 from tests.transport.rooms import build, diffuse, quad, room_walls
 
 POINTS = 512
@@ -131,3 +132,15 @@ def test_a_small_lamp_behind_clear_glass_is_found_by_shadow_rays(glass, tmp_path
     # Refraction brings the lamp 3 cm of 1.6 m nearer, 4 %; rays of the BSDF alone differ by 1.4 times the mean.
     np.testing.assert_allclose(found.radiance[:, 0].mean(axis=0), reference.mean(axis=0), rtol=0.06)
     assert np.abs(found.half_a - found.half_b).mean() < 0.1 * reference.mean()
+
+
+@pytest.mark.parametrize("groups", [1, FEW_GROUPS, FEW_GROUPS + 3])
+def test_lanes_are_added_up_by_block_and_group(groups):
+    rng, lanes = np.random.default_rng(groups), 8
+    light, group = rng.random((96, 3), np.float32), rng.integers(0, groups + 1, 96)
+    expected = np.zeros((96 // lanes, groups, 3))
+    for lane in np.flatnonzero(group < groups):
+        expected[lane // lanes, group[lane]] += light[lane]
+    L = mi.Spectrum(*(mi.Float(np.ascontiguousarray(c)) for c in light.T))
+    found = sums_by_group(L, mi.UInt32(group.astype(np.uint32)), groups, lanes)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from lightwell.scenes import load
 from lightwell.scenes.assemble import assemble
 from lightwell.scenes.scene import Material
 from lightwell.transport.interactions import interaction
 from lightwell.transport.pieces import whole
 from lightwell.transport.point_rejection import Rejection, reject, room
 from lightwell.transport.queries import frames, make_query
+from lightwell.transport.samples import columns_of
 from lightwell.transport.surface import candidates, draw_surface, sample_surface
 
 from . import rooms
@@ -253,3 +255,19 @@ def test_what_is_seen_from_behind_alone_keeps_its_backs():
     scene = rooms.build("backs", [sheet, block], [rooms.diffuse(rooms.WHITE)] * 2)
     draw = draw_surface(scene, 256, 1, floor=0, is_open=True, only=np.array([True, False]), shown=True)
     assert (draw.points.shape == 0).all() and (draw.points.view[:, 1] > 0).all()
+
+
+def test_points_are_the_same_one_by_one_and_in_blocks_of_many_threads():
+    scene = load("courtyard")
+    points = draw_surface(scene, 20000, 3).points
+    rows = np.r_[0:20, 8180:8200, 19980:20000]
+    many, few = make_query(scene, points, (0, 1, 0)), make_query(scene, points[rows], (0, 1, 0))
+    for name, values in columns_of(few).items():
+        np.testing.assert_array_equal(getattr(many, name)[rows], values)
+    for found, expected in zip(frames(scene, points), frames(scene, points[rows])):
+        np.testing.assert_array_equal(found[rows], expected)
+    # By the shortest formula: the middle of the corners, weighted.
+    for row in rows[:5]:
+        mesh, (b1, b2) = scene.meshes[points.shape[row]], points.barycentric[row].astype(np.float64)
+        corners = mesh.positions[mesh.indices[points.triangle[row]]].astype(np.float64)
+        np.testing.assert_allclose(many.position[row], [1 - b1 - b2, b1, b2] @ corners, rtol=1e-6, atol=1e-6)

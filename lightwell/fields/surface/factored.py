@@ -191,10 +191,14 @@ class FactoredFit(NetworkFit):
 
     def _rows(self, query: Query) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(points [N, 3] or [N, 7], pixel inputs [N, G], frame inputs [K, F]) of rows in light-major order."""
-        run = light_runs(_frame_of(query))
-        table = self._inputs(query)
-        frame = table["frame"][::run] if "frame" in table else np.zeros((len(query) // run, 1), np.float32)
-        return table["point"], table["pixel"], frame
+        table = self._inputs(query, "point", "pixel")
+        return table["point"], table["pixel"], self._frames(query, light_runs(_frame_of(query)))
+
+    def _frames(self, query: Query, run: int) -> np.ndarray:
+        """Frame inputs [K, F] of rows in light-major order, of which ``run`` share a light."""
+        if "frame" not in self._inputs.graph.outputs:
+            return np.zeros((len(query) // run, 1), np.float32)
+        return self._inputs(query[::run], "frame")["frame"]
 
     def learn_from(self, samples: Samples) -> None:
         """Set the training samples, ordered by light; whole lights are put in random order.
@@ -204,14 +208,14 @@ class FactoredFit(NetworkFit):
         """
         run = light_runs(_frame_of(samples.query))
         lights = np.random.default_rng((self.seed, len(samples))).permutation(len(samples) // run)
-        order = (lights[:, None] * run + np.arange(run)).ravel()
-        shuffled = samples[order]
+        shuffled = samples.in_runs(lights, run)
         target = shuffled.radiance / self._modulation(shuffled.query)
         finite = np.isfinite(target).all(axis=1)
         weight = np.where(finite, by_object(shuffled.shape, shuffled.weight), 0)
-        self._data = LightMajorSet.from_numpy(
-            *self._rows(shuffled.query), np.where(finite[:, None], target, 0), weight / max(weight.mean(), 1e-12)
-        )
+        target, weight = np.where(finite[:, None], target, 0), weight / max(weight.mean(), 1e-12)
+        # Points and inputs of pixels are hundreds of megabytes, and stay on the device.
+        table, frame = self._inputs.tensors(shuffled.query, "point", "pixel"), self._frames(shuffled.query, run)
+        self._data = LightMajorSet.of(table["point"], table["pixel"], frame, target, weight[:, None])
 
     # ------------------------------------------------------------------ lower
 
