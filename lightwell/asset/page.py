@@ -6,8 +6,10 @@ import base64
 import gzip
 import json
 import math
+import os
 import re
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
@@ -85,11 +87,14 @@ def write_page(
         raise RuntimeError(f"page: the viewer must contain {PLACEHOLDER} once, found {shell.count(PLACEHOLDER)}")
     if exposure is not None and not (math.isfinite(exposure) and exposure > 0):
         raise ValueError(f"page: exposure is {exposure}, expected a positive number")
+    # Most of the time is compression, during which other threads run.
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        compared = list(pool.map(view_json, views))
     page = {
         "title": title,
         "exposure": exposure if exposure is None else float(exposure),
         "home": camera_json(home),
-        "views": [view_json(view) for view in views],
+        "views": compared,
         "report": dict(report or {}),
         "links": [{"href": href, "text": text} for text, href in (links or {}).items()],
     }

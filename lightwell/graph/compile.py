@@ -35,12 +35,20 @@ class Compiled:
             op = OPS[node.op]
             self.steps.append((op, replace(use, state=op.prepare(use)), node))
 
-    def __call__(self, inputs: Mapping[str, Any]) -> dict[str, list[Any]]:
-        """Inputs name -> C Dr.Jit floats (a sequence, Vector or tensor [C, N]); outputs name -> list of C floats."""
+    def __call__(
+        self, inputs: Mapping[str, Any], settled: Mapping[str, list[Any]] | None = None
+    ) -> dict[str, list[Any]]:
+        """Inputs name -> C Dr.Jit floats (a sequence, Vector or tensor [C, N]); outputs name -> list of C floats.
+
+        ``settled``: values of the outputs of ``Graph.frame_part``, which are then not computed here.
+        """
         values = self.components(inputs)
         packed: dict[str, Any] = {}
-        frame = [node.id for _, _, node in self.steps if node.per_frame]
-        for op, use, node in self.steps:
+        steps = self.steps
+        if settled is not None:
+            values, steps = values | dict(settled), [step for step in steps if not step[2].per_frame]
+        frame = [node.id for _, _, node in steps if node.per_frame]
+        for op, use, node in steps:
             self.step(op, use, node, lambda name: unpack(values, packed, name), values, packed)
             if frame and node.id == frame[-1]:
                 settle(values, packed, frame)

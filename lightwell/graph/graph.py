@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -156,6 +156,17 @@ class Graph:
             nodes,
             {name: self.outputs[name] for name in outputs},
         )
+
+    def frame_part(self) -> Graph | None:
+        """Cut the graph down to its per-frame nodes.
+
+        Returns:
+            A graph whose outputs are the per-frame values that other nodes or outputs use, by the names of their nodes;
+            None where no node is per-frame.
+        """
+        used = {name for node in self.nodes if not node.per_frame for name in node.inputs} | set(self.outputs.values())
+        ends = [node.id for node in self.nodes if node.per_frame and node.id in used]
+        return replace(self, outputs={name: name for name in ends}).only(*ends) if ends else None
 
 
 def _fail(where: str, expected: str, found: str, cure: str) -> NoReturn:

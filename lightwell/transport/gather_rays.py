@@ -62,6 +62,31 @@ def free_ray(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, seed: i
     return weight * dr.pi, p, n, (through * dr.pi, way)
 
 
+def cosine_ray(
+    scene: mi.Scene, place: np.ndarray, normal: np.ndarray, lift: float, seed: int, stream: tuple[int, int]
+) -> Ends:
+    """Follow rays that leave places by the cosine.
+
+    Args:
+        scene: Mitsuba scene.
+        place: [R, 3] where they begin, metres.
+        normal: [R, 3] unit normals there.
+        lift: How far above they begin, metres.
+        seed: Seed.
+        stream: Numbers of the first ray, and of all of them.
+
+    Returns:
+        As ``free_ray``.
+    """
+    first, of_all, begin = (dr.opaque(t, v) for t, v in zip((mi.UInt32, mi.UInt32, mi.Float), (*stream, lift)))
+    rng = random_streams(dr.opaque(mi.UInt32, seed & 0xFFFFFFFF), dr.arange(mi.UInt32, len(place)) + first, of_all)
+    n = upload(mi.Vector3f, normal)
+    d = mi.warp.square_to_cosine_hemisphere(mi.Point2f(rng.next_float32(), rng.next_float32()))
+    ray = mi.Ray3f(upload(mi.Point3f, place) + begin * n, mi.Frame3f(n).to_world(d))
+    weight, p, met, (through, way) = ray_ends(scene, ray, mi.Spectrum(1), rng)
+    return weight * dr.pi, p, met, (through * dr.pi, way)
+
+
 def goes_straight(sample: mi.BSDFSample3f) -> mi.Bool:
     """Tell which rays go on as through mirrors, glass and holes: what they show is not the light of the surface met.
 

@@ -153,7 +153,7 @@ class GatheredShards(SeenShards):
         self, point: np.ndarray, light: np.ndarray, weight: np.ndarray, paths: int, seed: int
     ) -> tuple[dict, dict]:
         """Columns and counts of a shard of pairs, by index."""
-        columns = {name: values[point] for name, values in columns_of(self._query).items()}
+        columns = columns_of(self._query[point])
         run = self._settings.points_per_light
         half_a, half_b = without_spikes(*self._gather(point, light), run)
         if self.traces_first:

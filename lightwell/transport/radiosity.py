@@ -31,7 +31,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import PointLight, Variable
 from lightwell.transport.bin_places import BinPlaces
 from lightwell.transport.bins import FEWEST, Bins, find_bins, parted
-from lightwell.transport.gather_rays import beyond, cosine_directions, free_ray, gather_ray
+from lightwell.transport.gather_rays import beyond, cosine_ray, gather_ray
 from lightwell.transport.interactions import DevicePoints, gather_interaction, upload
 from lightwell.transport.panes import panes_of, unblocked
 from lightwell.transport.path_numbers import LATTICE_STREAM, random_streams, stratified
@@ -194,13 +194,14 @@ class Radiosity:
         """Bins that paths begin on, bins that they meet, and indirect irradiance [.., 3] for an irradiance of 1."""
         bins, random = self.bins, np.random.default_rng([self.seed, 6])
         place, normal = bins.places_of_all(BIN_PATHS, random)
+        seed = int(random.integers(1 << 32))
         parts = []
         for start in range(0, len(place), LANES):
             p, n = place[start : start + LANES], normal[start : start + LANES]
             row, part = np.arange(start, start + len(p)) // BIN_PATHS, np.full((len(p), 3), 1 / BIN_PATHS)
             begun = len(p)
             for bounce in range(MOST_BOUNCES):
-                met, weight, p, n = self._next_bounce(p, n, random, MOST_BOUNCES * start + bounce)
+                met, weight, p, n = self._next_bounce(p, n, seed, (start, bounce))
                 part *= weight
                 known = met < bins.count
                 parts.append((row[known], met[known], part[known].astype(np.float32)))
@@ -211,15 +212,14 @@ class Radiosity:
                 row, part, p, n = (v.repeat(copies, axis=0) for v in (row, part, p, n))
         return tuple(np.concatenate(x) for x in zip(*parts))
 
-    def _next_bounce(self, place: np.ndarray, normal: np.ndarray, random: np.random.Generator, stream: int):
+    def _next_bounce(self, place: np.ndarray, normal: np.ndarray, seed: int, stream: tuple[int, int]):
         """Bins [R], irradiance per irradiance [R, 3], places and normals where rays by the cosine end."""
-        direction = cosine_directions(normal, random.random((2, len(normal))))
-        origin = place + 1e-4 * self.scene.core_extent * normal
-        w, p, n, _ = free_ray(self.scene.mi, origin, direction, self.seed, stream)
+        lift = 1e-4 * self.scene.core_extent
+        w, p, n, _ = cosine_ray(self.scene.mi, place, normal, lift, seed, stream)
         index = self.bins.lookup(self.scene.mi, p, n)
         dr.eval(w, p, n, index)
         weight = np.nan_to_num(np.array(w).T, posinf=0, neginf=0)
-        return np.array(index), weight, np.array(p, np.float64).T, np.array(n, np.float64).T
+        return np.array(index), weight, np.array(p).T, np.array(n).T
 
     # ------------------------------------------------------------------ light
 

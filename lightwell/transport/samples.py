@@ -20,6 +20,21 @@ def columns_of(record: Any) -> dict[str, np.ndarray]:
     return {f.name: value for f in fields(record) if (value := getattr(record, f.name)) is not None}
 
 
+def rows_of(values: np.ndarray, rows: Any) -> np.ndarray:
+    """Take rows of a column.
+
+    Args:
+        values: [N, ...] column.
+        rows: Indices, a mask, or a slice.
+
+    Returns:
+        The rows.
+    """
+    # A third of the time of an index in brackets.
+    indices = isinstance(rows, np.ndarray) and rows.ndim == 1 and rows.dtype.kind in "iu"
+    return np.take(values, rows, axis=0) if indices else values[rows]
+
+
 @dataclass(frozen=True)
 class SurfacePoints:
     """N points on the surfaces of a scene, identified by triangle so that they can be rebuilt exactly."""
@@ -39,7 +54,7 @@ class SurfacePoints:
         return len(self.shape)
 
     def __getitem__(self, rows) -> SurfacePoints:
-        return type(self)(**{name: values[rows] for name, values in columns_of(self).items()})
+        return type(self)(**{name: rows_of(values, rows) for name, values in columns_of(self).items()})
 
 
 @dataclass(frozen=True)
@@ -80,7 +95,7 @@ class Query:
         return len(self.position)
 
     def __getitem__(self, rows) -> Query:
-        return type(self)(**{name: values[rows] for name, values in columns_of(self).items()})
+        return type(self)(**{name: rows_of(values, rows) for name, values in columns_of(self).items()})
 
     def in_runs(self, order: np.ndarray, length: int) -> Query:
         """Take runs of neighbouring rows, in another order; several times as fast as row by row.
@@ -129,7 +144,8 @@ class Samples:
         return len(self.shape)
 
     def __getitem__(self, rows) -> Samples:
-        return type(self)(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        columns = {f.name: rows_of(getattr(self, f.name), rows) for f in fields(self) if f.name != "query"}
+        return type(self)(query=self.query[rows], **columns)
 
     def in_runs(self, order: np.ndarray, length: int) -> Samples:
         """Take runs of neighbouring rows, in another order; several times as fast as row by row.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -125,14 +126,24 @@ def generate(
     else:
         write_atomically(folder / "manifest.json", json.dumps(wanted, indent=2, sort_keys=True))
     total, store = PathReport(), Store(folder, limit=None)
-    for index in range(shards):
-        made = lambda k=index: _stored(*(make or make_shard)(scene, variable, lights_fn, settings, k))  # noqa: E731
-        found = store.get(shard_key(wanted, index), made, formats.COLUMNS)
-        counts = json.loads(found["counts"].tobytes())
-        for name in asdict(total):
-            setattr(total, name, getattr(total, name) + counts["paths"][name])
-        if progress is not None:
-            progress(index + 1, shards)
+    # A shard is written while the next one is traced.
+    with ThreadPoolExecutor(1) as writer:
+        written: Future | None = None
+        for index in range(shards):
+            at = shard_key(wanted, index)
+            found = store.find(at, formats.COLUMNS)
+            if found is None:
+                found = _stored(*(make or make_shard)(scene, variable, lights_fn, settings, index))
+                if written is not None:
+                    written.result()
+                written = writer.submit(store.put, at, found, formats.COLUMNS)
+            counts = json.loads(found["counts"].tobytes())
+            for name in asdict(total):
+                setattr(total, name, getattr(total, name) + counts["paths"][name])
+            if progress is not None:
+                progress(index + 1, shards)
+        if written is not None:
+            written.result()
     return total
 
 
