@@ -61,7 +61,7 @@ class Tabulated:
         out = {name: dr.empty(mi.Float, len(query) * self.width(name)) for name in names}
         inputs = query_inputs(query)
         number = self._frame_numbers(inputs)
-        for rows in _parts(number):
+        for rows in parts(number):
             own = {name: values[rows] for name, values in inputs.items()}
             columns = {
                 name: _columns(own[name], name in FRAME_INPUTS) for name in self.graph.inputs if name not in self.frame
@@ -105,8 +105,15 @@ class Tabulated:
         return {name: list(islice(columns, values.shape[1])) for name, values in found.items()}
 
 
-def _parts(number: np.ndarray) -> Iterator[slice]:
-    """Rows that are computed at a time, of rows with the frames ``number`` [N]."""
+def parts(number: np.ndarray) -> Iterator[slice]:
+    """Part rows into those that are computed at a time.
+
+    Args:
+        number: [N] ascending numbers of the frames of the rows.
+
+    Yields:
+        The rows of each part.
+    """
     block = np.arange(len(number)) // ROWS_AT_ONCE
     ends = np.flatnonzero((np.diff(block) != 0) | (np.diff(number // FRAMES_AT_ONCE) != 0)) + 1
     for begin, end in pairwise([0, *ends.tolist(), len(number)]):

@@ -286,7 +286,11 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
     source = upload(mi.Vector3f, np.float32([settings["light"]]))
     numbers = (settings["seed"] & 0xFFFFFFFF, settings["max_depth"], RR_DEPTH)
     seed, *depths = (dr.opaque(mi.UInt32, v) for v in numbers)
-    total = np.zeros((pixels, 3), np.float64)
+    total, running = np.zeros((pixels, 3), np.float64), None
+
+    def add(start: int, count: int, sums: mi.Spectrum) -> None:
+        total[start : start + count] += _rows(sums)
+
     for start, count, done, block in _launches(pixels, spp):
         at, skip, size = (dr.opaque(mi.UInt32, v) for v in (first + start, done, block))
         lane = dr.arange(mi.UInt32, count * block)
@@ -300,8 +304,14 @@ def picture_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fir
         if settings["with_static"]:
             L += trace(scene.mi, si, Emitters.of(scene), rng, independent(rng), *depths, True)
         L = dr.select(dr.all(dr.isfinite(L)), L, 0)
+        # A launch is recorded while the one before it runs.
+        if running is not None:
+            add(*running)
         dr.eval(L)
-        total[start : start + count] += _rows(dr.block_sum(L, block))
+        running = start, count, dr.block_sum(L, block)
+        dr.eval(running[2])
+    if running is not None:
+        add(*running)
     return {"radiance": (total / spp).astype(np.float32)}
 
 

@@ -20,7 +20,7 @@ from lightwell.transport.day_light import day_light
 from lightwell.transport.gather_sums import Gather
 from lightwell.transport.light_vertices import SharedLamps
 from lightwell.transport.queries import frames, make_query
-from lightwell.transport.radiance import first_reflection
+from lightwell.transport.radiance import begin_first_reflection
 from lightwell.transport.samples import Query, Samples, columns_of
 from lightwell.transport.seen_shards import (
     ADAPTIVE_STREAM,
@@ -153,18 +153,22 @@ class GatheredShards(SeenShards):
         self, point: np.ndarray, light: np.ndarray, weight: np.ndarray, paths: int, seed: int
     ) -> tuple[dict, dict]:
         """Columns and counts of a shard of pairs, by index."""
-        columns = columns_of(self._query[point])
-        run = self._settings.points_per_light
-        half_a, half_b = without_spikes(*self._gather(point, light), run)
+        run, begun = self._settings.points_per_light, None
+        gathered = self._gather(point, light)
+        points = self.points[point]
         if self.traces_first:
-            each, lit = self._size.paths, (self.points[point], self.lights[light])
             shared = SharedLamps(self.lights, light.astype(np.uint32), int(self._seeds[3]) ^ LIGHT_RAYS)
-            first = first_reflection(self._scene, *lit, self._variable, each, seed, shared)
-            first = without_spikes(*first, run)
+            way = (points, self.lights[light], self._variable, self._size.paths, seed, shared)
+            begun = begin_first_reflection(self._scene, *way)
+            paths += self._size.paths * len(point)
+        # While paths are traced:
+        columns = columns_of(self._query[point]) | place_columns(points, weight, self._flat[point])
+        half_a, half_b = without_spikes(*gathered, run)
+        if begun is not None:
+            first = without_spikes(*begun(), run)
             half_a, half_b = half_a + first[0], half_b + first[1]
-            paths += each * len(point)
         columns |= {"light": self.lights[light], "half_a": half_a, "half_b": half_b}
-        return columns | place_columns(self.points[point], weight, self._flat[point]), path_counts(paths)
+        return columns, path_counts(paths)
 
 
 def _spread(count: int, wanted: int, random: np.random.Generator) -> np.ndarray:

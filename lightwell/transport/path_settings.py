@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 # Lanes of one launch: enough for kernels that take longer by far than to record them, few enough for some hundred
 # megabytes.
-LAUNCH = 1 << 21
+LAUNCH = 1 << 22
 
 
 @dataclass

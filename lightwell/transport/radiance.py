@@ -6,9 +6,9 @@ paths themselves are in ``paths``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from lightwell.transport.paths import CONNECTIONS, DIRECT_DEPTH, FIRST_DEPTH, MA
 from lightwell.transport.samples import SurfacePoints, columns_of
 from lightwell.transport.sources import Emitters, PointEmitter, declared
 from lightwell.transport.tables import tables
+
+Begun: TypeAlias = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Waits for both halves of what was begun, [N, 3] each; called once."""
 
 
 def indirect(
@@ -97,8 +100,34 @@ def first_reflection(
         Two independent means, [N, 3] float32 each; NaN where no path of a half is finite. Halves of points under the
         same lamp share light rays.
     """
+    return begin_first_reflection(scene, points, light, variable, paths, seed, lamps)()
+
+
+def begin_first_reflection(
+    scene: Scene,
+    points: SurfacePoints,
+    light: np.ndarray,
+    variable: Variable,
+    paths: int,
+    seed: int,
+    lamps: SharedLamps | None = None,
+) -> Begun:
+    """Begin ``first_reflection``: paths are traced while the caller does other work.
+
+    Args:
+        scene: Scene to trace.
+        points: N points.
+        light: [N, 3] positions of the declared light, metres (directions to the sun).
+        variable: What the declared light is.
+        paths: Paths per point, even, ≥ 2.
+        seed: Seed of the paths.
+        lamps: The places of a point light that many points share.
+
+    Returns:
+        Waits for the two means.
+    """
     limits = PathSettings(paths, seed, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True)
-    return _traced(scene, points, limits, variable, np.asarray(light, np.float32), None, lamps=lamps)
+    return _begun(scene, points, limits, variable, np.asarray(light, np.float32), None, lamps=lamps)
 
 
 def direct(
@@ -183,28 +212,47 @@ def _traced(
     lamps: SharedLamps | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Both half means of all points, in this process or by the executor of the scene; of each pose by itself."""
+    return _begun(scene, points, limits, variable, light, report, recipe, lamps)()
+
+
+def _begun(
+    scene: Scene,
+    points: SurfacePoints,
+    limits: PathSettings,
+    variable: Variable | None,
+    light: np.ndarray | None,
+    report: PathReport | None,
+    recipe: Recipe | None = None,
+    lamps: SharedLamps | None = None,
+) -> Begun:
+    """Begin ``_traced``; without movers and executor, the last launch runs while the caller does other work."""
     if scene.movers:
         means = np.zeros((2, len(points), 3), np.float32)
         for rows, scene_of_pose, own in by_pose(scene, points):
             lit = None if light is None else light[rows]
             means[:, rows] = _traced(scene_of_pose, own, limits, variable, lit, report)
-        return means[0], means[1]
+        return lambda: (means[0], means[1])
     paths = limits.paths
     check_halves(paths)
     if scene.executor is None:
-        means, good = _means(scene, points, limits, variable, light, lamps=lamps)
+        finish = _begin_means(scene, points, limits, variable, light, lamps=lamps)
     else:
         settings = {"limits": asdict(limits), "variable": None if variable is None else to_json(variable)}
         columns, shared = columns_of(points) | ({} if light is None else {"light": light}), None
         if lamps is not None:
             settings["lamp_seed"], columns["lamp"], shared = lamps.seed, lamps.index, {"places": lamps.places}
         found = scene.executor.rows("radiance", settings, columns, paths, shared, recipe=recipe)
-        means, good = found["means"], found["good"]
-    if report is not None:
-        report.paths += len(points) * paths
-        report.dropped += int(len(points) * paths - good.sum())
-        report.points += int((good == 0).any(axis=1).sum())
-    return means[:, 0], means[:, 1]
+        finish = lambda: (found["means"], found["good"])  # noqa: E731
+
+    def halves() -> tuple[np.ndarray, np.ndarray]:
+        means, good = finish()
+        if report is not None:
+            report.paths += len(points) * paths
+            report.dropped += int(len(points) * paths - good.sum())
+            report.points += int((good == 0).any(axis=1).sum())
+        return means[:, 0], means[:, 1]
+
+    return halves
 
 
 def radiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, first: int, shared: Arrays) -> Arrays:
@@ -226,11 +274,11 @@ def radiance_rows(scene: Scene, settings: Mapping[str, Any], columns: Arrays, fi
     if "lamp_seed" in settings:
         lamps = SharedLamps(shared["places"], columns["lamp"], settings["lamp_seed"])
     limits = PathSettings(**settings["limits"])
-    means, good = _means(scene, points, limits, variable, columns.get("light"), first, lamps)
+    means, good = _begin_means(scene, points, limits, variable, columns.get("light"), first, lamps)()
     return {"means": means, "good": good}
 
 
-def _means(
+def _begin_means(
     scene: Scene,
     points: SurfacePoints,
     limits: PathSettings,
@@ -238,8 +286,8 @@ def _means(
     light: np.ndarray | None,
     first: int = 0,
     lamps: SharedLamps | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Both half means of points [N, 2, 3] and counts of finite paths [N, 2], launch by launch."""
+) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
+    """Launch all paths; the result waits for both half means of points [N, 2, 3] and counts of finite paths [N, 2]."""
     tables(scene)
     positions = None if light is None else upload(mi.Vector3f, light)
     vertices = None if lamps is None else light_vertices(scene, lamps.places, lamps.seed)
@@ -261,20 +309,33 @@ def _means(
     settings = [dr.opaque(mi.UInt32, v) for v in numbers]
     total = np.zeros((len(points), 2, 3), np.float64)
     good = np.zeros((len(points), 2), np.int64)
+
+    def add(start: int, count: int, sums: tuple[mi.Spectrum, mi.UInt32]) -> None:
+        total[start : start + count] += np.array(sums[0]).T.reshape(count, 2, 3)
+        good[start : start + count] += np.array(sums[1]).reshape(count, 2)
+
+    running = None
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         for done in range(0, half, per_point):
             block = min(per_point, half - done)
-            span = (start, count, done, block, half)
-            L, ok = _launch(scene, device, source, settings, span, limits)
-            total[start : start + count] += np.array(L).T.reshape(count, 2, 3)
-            good[start : start + count] += np.array(ok).reshape(count, 2)
-    means = np.where(good[..., None] > 0, total / np.maximum(good, 1)[..., None], np.nan).astype(np.float32)
-    return means, good
+            traced = _launch(scene, device, source, settings, (start, count, done, block, half), limits)
+            # The next launch is recorded while the last one runs, whose sums wait for all that was launched.
+            if running is not None:
+                add(*running)
+            running = start, count, _sums(*traced, block)
+
+    def finish() -> tuple[np.ndarray, np.ndarray]:
+        if running is not None:
+            add(*running)
+        means = np.where(good[..., None] > 0, total / np.maximum(good, 1)[..., None], np.nan).astype(np.float32)
+        return means, good
+
+    return finish
 
 
 def _launch(scene, device, source, settings, span, limits):
-    """Trace ``block`` paths of both halves for ``count`` points; sums and counts of the finite ones, [count * 2]."""
+    """Record ``block`` paths of both halves of ``count`` points: their light, and 1 where it is finite, by lane."""
     start, count, done, block, half = span
     seed, max_depth, rr_depth, first_row = settings
     start, done, half, size = (dr.opaque(mi.UInt32, v) for v in (start, done, half, block))
@@ -291,7 +352,11 @@ def _launch(scene, device, source, settings, span, limits):
     way = (limits.include_direct, limits.connections, False, limits.max_depth == DIRECT_DEPTH, limits.past_mirrors)
     L = trace(scene.mi, si, source(row, group & 1), rng, first, *depths, *way)
     ok = dr.all(dr.isfinite(L))
-    L, ok = dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
+    return dr.select(ok, L, 0), dr.select(ok, mi.UInt32(1), mi.UInt32(0))
+
+
+def _sums(L: mi.Spectrum, ok: mi.UInt32, block: int) -> tuple[mi.Spectrum, mi.UInt32]:
+    """Launch a recording, and add up blocks of its lanes."""
     # Evaluated together and now: block_sum evaluates each of its arguments alone and would trace the paths four times.
     dr.eval(L, ok)
     result = dr.block_sum(L, block), dr.block_sum(ok, block)
