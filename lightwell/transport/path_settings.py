@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Lanes of one launch: enough for kernels that take longer by far than to record them, few enough for some hundred
+# Lanes of one launch, those of a shard: enough for kernels that take longer by far than to record them, few enough for some hundred
 # megabytes.
-LAUNCH = 1 << 22
+LAUNCH = 1 << 21
 
 
 @dataclass
