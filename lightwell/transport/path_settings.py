@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Lanes of one launch, as many as a shard has: enough for kernels that take longer by far than to record them, few enough
-# for some hundred megabytes.
+# Lanes of one launch, as many as a shard has: enough for kernels that take longer by far than to record them, few
+# enough for some hundred megabytes.
 LAUNCH = 1 << 21
 
 
