@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from time import perf_counter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from lightwell.baking.poses import scored_points, seen_points, standing, swept_p
 from lightwell.baking.reference_budget import EVALUATION_SEED, ReferenceBudget
 from lightwell.baking.settings import Reported
 from lightwell.baking.view_setup import ViewSetup, choose_stage
-from lightwell.core.formats import RecordFormat
+from lightwell.core.formats import JSON, RecordFormat
 from lightwell.core.keys import key
 from lightwell.core.progress import Progress
 from lightwell.core.store import Store
@@ -159,7 +160,7 @@ def trace_reference(
             more = {"view": k, "of": settings.views, "size": list(size)}
             views.append(keep(f"the score of {view_name(camera, k)}", "view", ViewReference, make, **more))
             bar.advance()
-        pictures = _page_views(scene, variable, stage, size, budget.picture_spp, "static" in roles, notes)
+        pictures = _page_views(scene, variable, stage, size, budget, "static" in roles, keep)
         display = _display_views(scene, stage, views, size, notes)
         bar.advance()
     return Reference(stage, points, views, sweep, pictures, display)
@@ -182,24 +183,34 @@ class _Keeper:
         of = key(f"reference.{name}", VERSION, **self.made_from, **more)
         return self.notes.attempt(what, partial(self.store.get, of, make, RecordFormat(kind)), None)
 
+    def number(self, what: str, name: str, make: Callable[[], int], otherwise: int) -> int:
+        """A number that depends on measured time: the same one when an interrupted bake goes on."""
+        if self.store is None:
+            return make()
+        of = key(f"reference.{name}", VERSION, **self.made_from)
+        return self.notes.attempt(what, partial(self.store.get, of, make, JSON), otherwise)
+
 
 def _page_views(
     scene: Scene,
     variable: Variable | None,
     stage: ViewSetup,
     size: tuple[int, int],
-    spp: int,
+    budget: ReferenceBudget,
     with_static: bool,
-    notes: LateNotes,
+    keep: _Keeper,
 ) -> list[PageView]:
     """Complete pictures of the views, for the page; those that fail are left out."""
-    pictures = []
+    pictures, spp, begin = [], budget.picture_spp, perf_counter()
     for k, (camera, light) in enumerate(stage.views):
+        if k == 1:
+            measured = lambda: budget.further_spp(perf_counter() - begin, len(stage.views))  # noqa: E731
+            spp = keep.number("the plan of the pictures", "picture_spp", measured, spp)
         options = {"intensity": stage.intensity, "color": stage.color, "with_static": with_static}
         shown = standing(scene, view_pose(scene, k))
         more = [(other.places[k], other.variable, other.intensity, other.color) for other in stage.more]
         make = partial(reference_picture, shown, camera, light, variable, size, spp, k, **options, more=more)
-        picture = notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
+        picture = keep.notes.attempt(f"the reference picture of {view_name(camera, k)}", make, None)
         if picture is not None and np.isfinite(picture).all():
             further = tuple(vector(other.places[k]) for other in stage.more)
             pose = view_pose(scene, k)

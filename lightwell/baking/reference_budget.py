@@ -14,6 +14,8 @@ SHARED_SHARE, SHARED_LEAST, SHARED_MOST = 0.4, 12.0, 240.0
 UNTRACED, TRACED_SHARE = 12.0, 0.8
 # Least and most seconds of tracing the reference of a bake.
 LEAST, MOST = 4.0, 240.0
+# A picture is late after so many times its share of the time; the others have at least so many paths per pixel.
+LATE, FEWEST_SPP = 1.25, 4
 # Shares of the paths: points, pixels, pictures, sweep; the rest is for patches, which are traced as the points are.
 POINT_SHARE, PIXEL_SHARE, PICTURE_SHARE, SWEEP_SHARE = 0.2, 0.2, 0.4, 0.1
 
@@ -28,6 +30,8 @@ class ReferenceBudget:
     pixel_paths: int = 192
     picture_spp: int = 32
     """Of the pictures for display, which are denoised."""
+    picture_seconds: float = 0.0
+    """Time for all of them; 0: any time."""
     sweep: int = 16
     sweep_points: int = 256
     sweep_paths: int = 256
@@ -52,8 +56,26 @@ class ReferenceBudget:
             point_paths=min(even(POINT_SHARE * budget / 4096), 8192),
             pixel_paths=min(even(PIXEL_SHARE * budget / pixels), 4096),
             picture_spp=min(even(PICTURE_SHARE * budget / (PICTURE_SCALE**2 * pixels), 2), 1024),
+            picture_seconds=PICTURE_SHARE * seconds,
             sweep_paths=min(even(SWEEP_SHARE * budget / (16 * 256)), 4096),
         )
+
+    def further_spp(self, seconds: float, pictures: int) -> int:
+        """Choose the paths of pictures for display from the time of the first one.
+
+        Pictures show the sky, leaves and glass, which points on surfaces, of which the rate is known, have less of.
+
+        Args:
+            seconds: Time of the first picture.
+            pictures: Number of pictures.
+
+        Returns:
+            Paths per pixel of the others, at most those of the first one.
+        """
+        share = self.picture_seconds / pictures
+        if not self.picture_seconds or seconds <= LATE * share:
+            return self.picture_spp
+        return min(max(int(self.picture_spp * share / seconds) // 2 * 2, FEWEST_SPP), self.picture_spp)
 
 
 def reference_seconds(left: float) -> float:

@@ -156,6 +156,13 @@ def test_the_reference_takes_what_is_left():
     assert two.pixel_paths < many.pixel_paths
 
 
+def test_pictures_have_fewer_paths_where_the_first_one_is_late():
+    budget = ReferenceBudget(picture_spp=32, picture_seconds=16.0)
+    assert [budget.further_spp(seconds, 4) for seconds in (1, 5, 8, 16, 400)] == [32, 32, 16, 8, 4]
+    assert ReferenceBudget(picture_spp=32).further_spp(400, 4) == 32
+    assert ReferenceBudget(picture_spp=2, picture_seconds=1.0).further_spp(400, 4) == 2
+
+
 def test_every_quality_of_a_field_is_one_of_its_presets():
     for name, presets in QUALITY_PRESETS.items():
         assert set(presets) <= set(QUALITY_SECONDS) and set(presets.values()) <= set(PRESETS[name])
