@@ -5,27 +5,69 @@ Notation: N points, P rays per point, F bins, K lights.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lightwell.backend import aligned, dr, mi, upload_floats, upload_integers
-from lightwell.transport.radiosity import Rows
+from lightwell.scenes.executor import Recipe
+from lightwell.transport.radiosity import Radiosity, Rows, row_launches
+from lightwell.transport.samples import SurfacePoints
 
 
+@dataclass(frozen=True)
 class DeviceRows:
     """What N points see of the bins, on the device."""
 
-    def __init__(self, rows: Rows) -> None:
-        """Upload rows.
+    bin: mi.UInt32
+    """[N * P] bins."""
+    weight: mi.Float16
+    """[N * P * 3] weights."""
+    rays: int
+    """P."""
+
+    @staticmethod
+    def of(rows: Rows) -> DeviceRows:
+        """Copy rows to the device.
 
         Args:
             rows: What N points see.
+
+        Returns:
+            The rows.
         """
-        self.bin = upload_integers(rows.bin.ravel())
-        """[N * P] bins."""
-        self.weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
-        """[N * P * 3] weights."""
-        self.rays: int = rows.bin.shape[1]
-        """P."""
+        weight = mi.Float16(aligned(rows.weight.ravel(), np.float16))
+        return DeviceRows(upload_integers(rows.bin.ravel()), weight, rows.bin.shape[1])
+
+    @staticmethod
+    def traced(
+        radiosity: Radiosity, points: SurfacePoints, rays: int, seed: int, sky: bool, recipe: Recipe | None = None
+    ) -> DeviceRows:
+        """Trace what points see, as ``Radiosity.rows``; rows that are traced here are not copied.
+
+        Args:
+            radiosity: Bins of the scene.
+            points: N surface points.
+            rays: P, rays per point, even.
+            seed: Seed of the rays.
+            sky: Note the cell of the sky of rays that leave the scene.
+            recipe: How workers make points and bins again; None: they are sent.
+
+        Returns:
+            The rows.
+        """
+        scene, size = radiosity.scene, len(points) * rays
+        if scene.executor is not None:
+            return DeviceRows.of(radiosity.rows(points, rays, seed, sky, recipe))
+        found, weight = dr.empty(mi.UInt32, size), dr.empty(mi.Float16, 3 * size)
+        for part, w, index in row_launches(scene, radiosity.bins, points, rays, seed, sky=sky):
+            at = dr.arange(mi.UInt32, (part.stop - part.start) * rays) + dr.opaque(mi.UInt32, part.start * rays)
+            dr.scatter(found, index, at)
+            for c, values in enumerate(w):
+                # One kernel writes all three.
+                dr.scatter(weight, mi.Float16(values), 3 * at + c, mode=dr.ReduceMode.Permute)
+            dr.eval(found, weight)
+        return DeviceRows(found, weight, rays)
 
 
 class Gather:

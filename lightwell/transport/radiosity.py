@@ -16,7 +16,7 @@ Notation: N points, P rays per point, F bins, K lights.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -371,11 +371,34 @@ def _seen_rows(
     scene: Scene, bins: Bins, points: SurfacePoints, rays: int, seed: int, first: int = 0, sky: bool = False
 ) -> Rows:
     """What points see of the bins, ray by ray."""
-    device, batch = DevicePoints(points), max(1, LANES // rays)
-    # The largest number is that of nothing, behind the cells of the sky.
-    dark = bins.count + (CELLS if sky else 0)
-    found = np.empty((len(points), rays), bin_type(dark))
+    found = np.empty((len(points), rays), bin_type(nothing(bins, sky)))
     weight = np.empty((len(points), rays, 3), np.float16)
+    for rows, w, index in row_launches(scene, bins, points, rays, seed, first, sky):
+        dr.eval(w, index)
+        found[rows] = np.array(index).reshape(-1, rays)
+        for c, values in enumerate(w):
+            weight[rows, :, c] = np.array(values).reshape(-1, rays)
+    return Rows(found, weight)
+
+
+def row_launches(
+    scene: Scene, bins: Bins, points: SurfacePoints, rays: int, seed: int, first: int = 0, sky: bool = False
+) -> Iterator[tuple[slice, Any, mi.UInt32]]:
+    """Record what points see of the bins, launch by launch.
+
+    Args:
+        scene: The scene.
+        bins: Its bins.
+        points: N surface points.
+        rays: P, rays per point, even.
+        seed: Seed of the rays.
+        first: Number of the first point.
+        sky: Note the cell of the sky of rays that leave the scene.
+
+    Yields:
+        Rows of the points; weights and bins of their rays, one lane for each, not yet evaluated.
+    """
+    device, batch, dark = DevicePoints(points), max(1, LANES // rays), nothing(bins, sky)
     for start in range(0, len(points), batch):
         count = min(batch, len(points) - start)
         w, p, n, away = rays_of_points(scene, device, start, count, rays, seed, first)
@@ -383,11 +406,20 @@ def _seen_rows(
         if sky:
             w, index = beyond(bins.count, w, index, away)
         w, index = stored_ends(w, index, dr.opaque(mi.Float, 2 / rays), dr.opaque(mi.UInt32, dark))
-        dr.eval(w, index)
-        found[start : start + count] = np.array(index).reshape(count, rays)
-        for c, values in enumerate(w):
-            weight[start : start + count, :, c] = np.array(values).reshape(count, rays)
-    return Rows(found, weight)
+        yield slice(start, start + count), w, index
+
+
+def nothing(bins: Bins, sky: bool) -> int:
+    """Number of nothing, behind the bins and the cells of the sky.
+
+    Args:
+        bins: The bins.
+        sky: Whether cells of the sky are noted.
+
+    Returns:
+        The number, the largest one.
+    """
+    return bins.count + (CELLS if sky else 0)
 
 
 def bin_type(largest: int) -> type[np.uint16] | type[np.uint32]:

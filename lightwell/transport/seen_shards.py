@@ -224,8 +224,8 @@ class SeenShards:
         size, seeds = self._size, [int(s) for s in self._seeds]
         made_of = SeenBins(self._looked, size.points, size.bins, self._floor, (seeds[0], seeds[2]))
         points, radiosity = made_of.make(self._scene)
-        rows = radiosity.rows(points, size.rays, seeds[3], self._sky, made_of.recipe())
-        return SeenTransport(points, radiosity, DeviceRows(rows))
+        rows = DeviceRows.traced(radiosity, points, size.rays, seeds[3], self._sky, made_of.recipe())
+        return SeenTransport(points, radiosity, rows)
 
 
 def seen_inputs(scene: Scene, settings: Mapping[str, Any], arrays: Arrays) -> Inputs:

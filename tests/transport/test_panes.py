@@ -93,7 +93,7 @@ def test_bins_are_lit_as_paths_are(opacity):
     points = behind(scene)
     radiosity = Radiosity(scene, draw_surface(scene, 8192, 1).points, 0, 1024)
     lights = np.repeat(PLACE[None], 2, axis=0)
-    gather = Gather(DeviceRows(radiosity.rows(points, 256, 2)), radiosity.light(LAMP, lights[1:], 3).irradiance)
+    gather = Gather(DeviceRows.of(radiosity.rows(points, 256, 2)), radiosity.light(LAMP, lights[1:], 3).irradiance)
     found = sum(gather(np.arange(len(points)), np.zeros(len(points), int))).mean(axis=0) / 2
     truth = np.mean(indirect(scene, points, PLACE, LAMP, 1024, 4), axis=(0, 1))
     np.testing.assert_allclose(found, truth, rtol=0.08)

@@ -34,7 +34,7 @@ def gathered(cornell):
     radiosity = Radiosity(cornell, points, 0, 2048)
     few = points[:POINTS]
     rows = radiosity.rows(few, 256, 2)
-    gather = Gather(DeviceRows(rows), radiosity.light(light, LIGHTS, 3).irradiance)
+    gather = Gather(DeviceRows.of(rows), radiosity.light(light, LIGHTS, 3).irradiance)
     pairs = np.tile(np.arange(POINTS), 2), np.arange(2).repeat(POINTS)
     halves = gather(*pairs)
     truth = np.concatenate([sum(indirect(cornell, few, l, light, 512, 4)) / 2 for l in LIGHTS])
@@ -81,7 +81,7 @@ def test_what_is_seen_through_a_blended_surface_is_not_its_light():
     radiosity = Radiosity(scene, points, 0, 1024)
     names = [mesh.name for mesh in scene.meshes]
     few = points[np.flatnonzero(points.shape == names.index("short"))[:100]]
-    gather = Gather(DeviceRows(radiosity.rows(few, 256, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
+    gather = Gather(DeviceRows.of(radiosity.rows(few, 256, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
     found = sum(gather(np.arange(len(few)), np.zeros(len(few), int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
@@ -119,7 +119,7 @@ def test_a_room_behind_a_thin_wall_stays_dark():
     light = PointLight((-0.8, 0.4, -0.6), (-0.2, 1.6, 0.6), 0.1)
     points = draw_surface(scene, 8192, 1).points
     found = Radiosity(scene, points, 0, 256)
-    gather = Gather(DeviceRows(found.rows(points[:1000], 64, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
+    gather = Gather(DeviceRows.of(found.rows(points[:1000], 64, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
     value = sum(gather(np.arange(1000), np.zeros(1000, int))).mean(axis=1)
     truth = sum(indirect(scene, points[:1000], LIGHTS[1], light, 64, 4)).mean(axis=1)
     # The partition has two sides; points of the dark one reflect nothing.
@@ -178,7 +178,7 @@ def test_rough_metal_keeps_its_energy():
     points = draw_surface(scene, 4096, 1).points
     radiosity = Radiosity(scene, points, 0, 1024)
     few = points[:200]
-    gather = Gather(DeviceRows(radiosity.rows(few, 128, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
+    gather = Gather(DeviceRows.of(radiosity.rows(few, 128, 2)), radiosity.light(light, LIGHTS[:1], 3).irradiance)
     found = sum(gather(np.arange(200), np.zeros(200, int))) / 2
     truth = sum(indirect(scene, few, LIGHTS[0], light, 256, 4)) / 2
     assert found.mean() == pytest.approx(truth.mean(), rel=0.12)
@@ -190,7 +190,7 @@ def gathered_and_traced(scene, points) -> tuple[np.ndarray, np.ndarray]:
 
     light = PointLight((-0.8, 0.4, -0.6), (-0.2, 1.6, 0.6), 0.1)
     found = Radiosity(scene, draw_surface(scene, 8192, 1).points, 0, 1024)
-    gather = Gather(DeviceRows(found.rows(points, 256, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
+    gather = Gather(DeviceRows.of(found.rows(points, 256, 2)), found.light(light, LIGHTS[1:], 3).irradiance)
     value = sum(gather(np.arange(len(points)), np.zeros(len(points), int))).mean(axis=1) / 2
     return value, sum(indirect(scene, points, LIGHTS[1], light, 512, 4)).mean(axis=1) / 2
 
@@ -249,7 +249,7 @@ def test_a_lamp_beside_a_wall_lights_its_bins_by_many_places(cornell):
     points = draw_surface(cornell, 8192, 1).points
     radiosity = Radiosity(cornell, points, 0, 128)
     few = points[:256]
-    gather = Gather(DeviceRows(radiosity.rows(few, 128, 2)), radiosity.light(light, lamps, 3).irradiance)
+    gather = Gather(DeviceRows.of(radiosity.rows(few, 128, 2)), radiosity.light(light, lamps, 3).irradiance)
     at = np.tile(np.arange(256), len(lamps)), np.arange(len(lamps)).repeat(256)
     found = np.mean(gather(*at), axis=0).reshape(len(lamps), -1).mean(axis=1)
     truth = np.array([np.mean(indirect(cornell, few, lamp, light, 512, 4)) for lamp in lamps])
@@ -278,3 +278,14 @@ def test_places_of_bins_are_chosen_in_launches_of_any_size(cornell):
     for lanes in (1, 3, 9):
         place, _ = radiosity.places.spread(mi.UInt32(np.zeros(lanes, np.uint32)), dr.arange(mi.UInt32, lanes), 1 << 20)
         assert np.isfinite(np.array(place)).all()
+
+
+@pytest.mark.parametrize("sky", [False, True])
+def test_rows_that_stay_on_the_device_are_those_that_are_copied(cornell, sky):
+    points = draw_surface(cornell, 3000, 4).points
+    radiosity = Radiosity(cornell, points, 0, 512)
+    found = DeviceRows.traced(radiosity, points, 16, 5, sky)
+    expected = DeviceRows.of(radiosity.rows(points, 16, 5, sky))
+    np.testing.assert_array_equal(np.array(found.bin), np.array(expected.bin))
+    np.testing.assert_array_equal(np.array(found.weight), np.array(expected.weight))
+    assert found.rays == expected.rays == 16

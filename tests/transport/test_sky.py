@@ -106,7 +106,7 @@ def test_light_of_sun_and_sky_is_that_of_mitsubas_path_tracer(cornell, day, poin
 def test_gathered_light_of_a_day_is_that_of_paths(cornell, day, points):
     radiosity = Radiosity(cornell, draw_surface(cornell, 4096, 1).points, 0, 1024)
     gather = Gather(
-        DeviceRows(radiosity.rows(points, 128, 2, sky=True)), day_light(radiosity, day, suns(day), 3).irradiance
+        DeviceRows.of(radiosity.rows(points, 128, 2, sky=True)), day_light(radiosity, day, suns(day), 3).irradiance
     )
     pairs = np.tile(np.arange(POINTS), len(TIMES)), np.arange(len(TIMES)).repeat(POINTS)
     found = sum(gather(*pairs)) / 2
@@ -124,7 +124,7 @@ def test_no_light_of_the_sky_enters_a_closed_room(day):
     radiosity = Radiosity(room, draw_surface(room, 64, 1).points, 0, 4096)
     rows = radiosity.rows(draw_surface(room, POINTS, 7).points, 32, 2, sky=True)
     assert (rows.bin >= radiosity.bins.count).mean() > 0.1
-    gather = Gather(DeviceRows(rows), day_light(radiosity, day, suns(day), 3).irradiance)
+    gather = Gather(DeviceRows.of(rows), day_light(radiosity, day, suns(day), 3).irradiance)
     for k in range(len(TIMES)):
         halves = gather(np.arange(POINTS), np.full(POINTS, k))
         assert not np.any(halves)
@@ -162,7 +162,7 @@ def test_a_plane_alone_gathers_the_sky_and_nothing_else():
     radiosity = Radiosity(floor, points, 0, 64)
     rows = radiosity.rows(points, 64, 2, sky=True)
     assert radiosity.bins.count > 0 and (rows.bin >= radiosity.bins.count).all()
-    gather = Gather(DeviceRows(rows), day_light(radiosity, sky, np.float32([sky.direction(0.5)]), 3).irradiance)
+    gather = Gather(DeviceRows.of(rows), day_light(radiosity, sky, np.float32([sky.direction(0.5)]), 3).irradiance)
     a, b = gather(np.arange(512), np.zeros(512, np.int64))
     up = points.view[:, 1] > 0
     assert 0.5 * (a + b)[up].mean() == pytest.approx(0.5 / (2 * np.pi), rel=0.02)
