@@ -18,8 +18,8 @@ from lightwell.transport.samples import Query, SurfacePoints, columns_of
 
 # Interpolated normals shorter than this (opposite vertex normals) have no direction; the geometric one is used.
 SHORTEST_NORMAL = 1e-6
-# Points of a block: some forty numbers of each are in use at a time.
-ROWS_AT_ONCE = 1 << 13
+# Points of a block, of 2^13 to 2^17 the best on three scenes: smaller ones have few points of each material.
+ROWS_AT_ONCE = 1 << 15
 
 
 def make_query(scene: Scene, points: SurfacePoints, light: np.ndarray) -> Query:

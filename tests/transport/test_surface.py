@@ -14,7 +14,7 @@ from lightwell.scenes.scene import Material
 from lightwell.transport.interactions import interaction
 from lightwell.transport.pieces import whole
 from lightwell.transport.point_rejection import Rejection, reject, room
-from lightwell.transport.queries import frames, make_query
+from lightwell.transport.queries import ROWS_AT_ONCE, frames, make_query
 from lightwell.transport.samples import columns_of
 from lightwell.transport.surface import candidates, draw_surface, sample_surface
 
@@ -259,8 +259,8 @@ def test_what_is_seen_from_behind_alone_keeps_its_backs():
 
 def test_points_are_the_same_one_by_one_and_in_blocks_of_many_threads():
     scene = load("courtyard")
-    points = draw_surface(scene, 20000, 3).points
-    rows = np.r_[0:20, 8180:8200, 19980:20000]
+    points = draw_surface(scene, 2 * ROWS_AT_ONCE + 100, 3).points
+    rows = np.r_[0:20, ROWS_AT_ONCE - 20 : ROWS_AT_ONCE + 20, 2 * ROWS_AT_ONCE : 2 * ROWS_AT_ONCE + 20]
     many, few = make_query(scene, points, (0, 1, 0)), make_query(scene, points[rows], (0, 1, 0))
     for name, values in columns_of(few).items():
         np.testing.assert_array_equal(getattr(many, name)[rows], values)
