@@ -11,7 +11,7 @@ PICTURE_SCALE = 3
 # Where other fields share the reference, its time is this share of the budget of each, within bounds in seconds.
 SHARED_SHARE, SHARED_LEAST, SHARED_MOST = 0.4, 12.0, 240.0
 # Seconds of scoring that trace nothing (compiling, metrics, denoising, writing), and the share of the rest for tracing.
-UNTRACED, TRACED_SHARE = 12.0, 0.8
+UNTRACED, TRACED_SHARE = 6.0, 0.8
 # Least and most seconds of tracing the reference of a bake.
 LEAST, MOST = 4.0, 240.0
 # A picture is late after so many times its share of the time; the others have at least so many paths per pixel.

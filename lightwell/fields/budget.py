@@ -14,7 +14,7 @@ ROUND_SECONDS = 60.0
 # ... or this many rounds have passed.
 MOST_ROUNDS = 20
 # Share of the wall time that scoring, pictures and writing are given, within these bounds in seconds.
-SCORING_SHARE, SCORING_LEAST, SCORING_MOST = 0.35, 10.0, 240.0
+SCORING_SHARE, SCORING_LEAST, SCORING_MOST = 0.32, 10.0, 240.0
 # Tracing and training get at least this share of the budget, however long loading took.
 LEAST_LEARNING_SHARE = 0.2
 # Share of tracing in the time before scoring, for the estimate that is printed at the start.
