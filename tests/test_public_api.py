@@ -154,6 +154,7 @@ def test_help_shows_the_options_of_the_field(capsys):
     assert "--spacing" in both and "--mips" in both
 
 
+@pytest.mark.slow
 def test_a_distribution_adds_a_field(tmp_path):
     """The field of docs/python.md, as it stands there, installed beside lightwell."""
     text = (ROOT / "docs/python.md").read_text()

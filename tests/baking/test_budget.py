@@ -53,6 +53,7 @@ def test_a_goal_that_is_met_ends_after_the_first_round(sampled, tmp_path):
     assert plan["steps"] == 20 and not said
 
 
+@pytest.mark.slow
 def test_a_goal_that_is_not_met_takes_more_rounds_and_says_so(sampled, tmp_path):
     plan, said = fitted(sampled, Budget(None, 1e-6, rounds=2), tmp_path)
     assert plan["steps"] > 20

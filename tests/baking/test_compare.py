@@ -219,6 +219,7 @@ def test_a_field_that_fails_is_left_out_and_nothing_else_is_written(failed):
     assert sorted(path.name for path in out.iterdir()) == ["compare.html", "compare.json", "mlp-small"]
 
 
+@pytest.mark.slow
 def test_a_time_budget_becomes_steps(failed):
     """Without --steps the time decides; every field gets as much of it, and at least a few steps."""
     (field,) = failed[1]["fields"]

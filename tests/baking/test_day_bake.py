@@ -29,6 +29,7 @@ def baked_day(tmp_path_factory) -> tuple[Path, dict]:
     )
 
 
+@pytest.mark.slow
 def test_the_file_has_sun_and_sky_and_the_report_their_hours(baked_day):
     out, report = baked_day
     assert validate_file(out) == []

@@ -62,6 +62,7 @@ def lamps(tmp_path_factory) -> tuple[Path, dict]:
     return folder, bake(settings)
 
 
+@pytest.mark.slow
 def test_the_file_has_a_switch_for_each_lamp(lamps):
     folder, _ = lamps
     assert validate_file(folder / "out") == []
@@ -79,6 +80,7 @@ def test_the_file_has_a_switch_for_each_lamp(lamps):
     assert [field.graph.inputs.get("lamps") for field in fields] == [None, 6]
 
 
+@pytest.mark.slow
 def test_light_of_a_state_is_that_of_its_lamps(lamps):
     folder, _ = lamps
     graph = next(field.graph for field in read_fields(folder / "out" / "scene.glb")[0] if field.role == "static")
@@ -95,6 +97,7 @@ def test_light_of_a_state_is_that_of_its_lamps(lamps):
     assert not light(0, 0).any()
 
 
+@pytest.mark.slow
 def test_the_report_has_the_error_of_each_lamp(lamps):
     _, report = lamps
     text = json.dumps(report)

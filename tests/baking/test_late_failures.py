@@ -68,6 +68,7 @@ def test_a_late_failure_costs_no_bake(stages, tmp_path, monkeypatch):
     assert json.loads((tmp_path / "out/report.json").read_text()) == report
 
 
+@pytest.mark.slow
 def test_a_bare_report_and_a_page_without_pictures_are_better_than_none(tmp_path, monkeypatch):
     """The figures cannot be computed, and the page cannot hold the pictures of the same bake."""
     written, pages = [], []

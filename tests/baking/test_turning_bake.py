@@ -51,6 +51,7 @@ def extension_of(glb: Path) -> dict:
     return document["extensions"]["LIGHTWELL_neural_radiance"]
 
 
+@pytest.mark.slow
 def test_the_file_has_the_map_and_the_report_its_angles(baked_turn):
     out, report = baked_turn
     assert validate_file(out) == []
@@ -67,6 +68,7 @@ def test_the_file_has_the_map_and_the_report_its_angles(baked_turn):
     assert np.isfinite(report["relative_error"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -85,6 +87,7 @@ def test_a_wrong_entry_is_refused_with_its_place(baked_turn, changed, message):
     assert message in str(error.value)
 
 
+@pytest.mark.slow
 def test_version_one_and_a_second_map_are_refused(baked_turn):
     extension = extension_of(baked_turn[0] / "scene.glb")
     with pytest.raises(ValueError, match="variables"):

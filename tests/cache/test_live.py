@@ -357,6 +357,7 @@ def wait_for(holds, seconds=30):
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_the_baked_light_is_seen_from_the_camera_of_the_page(tmp_path):
     # A checked field: radiance equal to a constant albedo times one, so that only what the camera sees matters.
     session = LiveSession("cornell", settings_of(SMALL), 32)

@@ -190,6 +190,7 @@ def test_work_that_fails_everywhere_ends_with_its_own_words(scene):
         scene.executor.rows("irradiance", {"paths": 4, "seed": 1}, columns, 4)
 
 
+@pytest.mark.slow
 def test_workers_of_other_bytes_are_refused_or_taken(client, own):
     said, source = [], SceneSource("cornell", load("cornell").digest)
     with pytest.raises(RuntimeError, match=r"computes other bytes \(mitsuba .* not 1.0\); leave it out"):

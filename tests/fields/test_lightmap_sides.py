@@ -185,6 +185,7 @@ def test_texels_of_rooms_without_light_have_samples_towards_views():
     assert dark[0] == 0 and 0.04 < dark[1] < 0.09
 
 
+@pytest.mark.slow
 def test_the_floor_of_a_closed_dark_room_does_not_take_the_light_outside():
     """One triangle of the floor lies inside and outside; of what lies under a solid block nothing is seen, ever."""
 

@@ -164,6 +164,7 @@ def test_an_edit_of_nothing_keeps_every_byte(moving, tmp_path):
         assert np.array_equal(answers(made), answers(moving.baked))
 
 
+@pytest.mark.slow
 def test_an_edit_changes_what_it_touches_alone():
     scene, shut = two_rooms(0.05, door=True).scene, two_rooms(0.05, door=True, shut=True).scene
     variable = declare(("light.position=box(-2,0.5,0.5,-1,2,2.5)",), scene)

@@ -100,6 +100,7 @@ def test_a_room_without_thin_walls_has_no_sheets():
     assert len(volume.sheets.plane) == 0 and (volume.sheets.row == -1).all()
 
 
+@pytest.mark.slow
 def test_an_edited_wall_is_baked_as_a_whole_bake_does():
     before, after = room(wall(high=1.6), wall(low=1.6)), room(wall(high=1.6))
     made = bake_geometry(before, SPACING, "relu-field", OFFSET)

@@ -100,20 +100,25 @@ async function openExample(name: string, screen: Screen): Promise<void> {
 /** Warnings of others: @react-three/fiber 9 and A-Frame use what three.js 0.187 warns of, and A-Frame says who it is. */
 const isOfOthers = (text: string) => /^THREE\.(Clock|WebGLShadowMap): |A-Frame|aframe|webvr-polyfill/i.test(text);
 
+/** Examples of what other tests look at, too. */
+const OTHERS = [
+  ["three.html", "phone"],
+  ["lens.html", "small"],
+  ["element.html", "desktop"],
+  ["aframe.html", "desktop"],
+  ["babylon.ts", "small"],
+  ["playcanvas.ts", "small"],
+] as const;
+
 describe("examples/web", () => {
   // What is not looked at must not go on drawing.
   afterEach(async () => void (await still.page.goto("about:blank")));
 
   it.each([
-    ["three.html", "phone"],
     ["three.html", "desktop"],
     ["webgpu.html", "desktop"],
-    ["lens.html", "small"],
-    ["element.html", "desktop"],
-    ["aframe.html", "desktop"],
-    ["babylon.ts", "small"],
-    ["playcanvas.ts", "small"],
     ["fiber.tsx", "desktop"],
+    ...(process.env.LIGHTWELL_LONG_TESTS ? OTHERS : []),
   ] as const)("%s on a screen like a %s shows the stored picture", async (name, screen) => {
     const { page, errors } = still;
     await openExample(name, screen);
