@@ -90,6 +90,7 @@ def test_a_field_without_a_sky_refuses_a_day_before_it_prepares_the_scene(tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_day_that_the_scene_suggests_is_refused_too(tmp_path):
     with pytest.raises(ValueError, match="field 'probes' learns no sky; use --field factored"):
         bake(small(tmp_path / "out", scene="courtyard-day", field="probes"))

@@ -38,7 +38,12 @@ def test_a_surface_under_a_day_is_baked_and_seen_from_around(mesh, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "mesh, field", [(FLOOR, "factored"), (STEEP, "factored"), (FLOOR, "lightmap")], ids=["no air", "no light", "map"]
+    "mesh, field",
+    [
+        pytest.param(FLOOR, "factored", id="no air"),
+        pytest.param(STEEP, "factored", id="no light", marks=pytest.mark.slow),
+        pytest.param(FLOOR, "lightmap", id="map", marks=pytest.mark.slow),
+    ],
 )
 def test_a_surface_keeps_the_light_of_its_own_lamp(mesh, field, tmp_path):
     options = {"size": 64, "mips": 0} if field == "lightmap" else {}

@@ -61,7 +61,7 @@ def frozen(scene, seed: int = 0) -> RadianceCache:
     return cache
 
 
-@pytest.mark.parametrize("better", [False, True])
+@pytest.mark.parametrize("better", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_kind_with_less_noise_is_continued_and_the_other_hardly_counts(better):
     made, rng, mean = film(), np.random.default_rng(5), 2.0
     variance = {better: 0.01, not better: 1.0}

@@ -111,7 +111,7 @@ def test_killed_and_resumed_ends_with_the_same_bits(fitted, case, tmp_path):
     assert again.state == fitted[case].state
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [NAMES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in NAMES[1:])])
 def test_it_learns(name):
     fit = find_field(name).start(SETUP, "default", 0)
     fit.learn_from(make_samples(20_000, 1, noise=0.3))

@@ -76,7 +76,14 @@ def test_a_spot_shines_along_its_direction_inside_its_cone():
     assert seen(scene, x=2 * math.tan(0.21))[0] == 0
 
 
-@pytest.mark.parametrize("strategy", [(1, 0), (0, 1), (1, 1)], ids=["emitter sampling", "BSDF sampling", "both"])
+@pytest.mark.parametrize(
+    "strategy",
+    [
+        pytest.param((1, 0), id="emitter sampling", marks=pytest.mark.slow),
+        pytest.param((0, 1), id="BSDF sampling", marks=pytest.mark.slow),
+        pytest.param((1, 1), id="both"),
+    ],
+)
 @pytest.mark.parametrize("below", [False, True])
 def test_double_sided_emission_shines_to_both_sides(strategy, below):
     lamp = Material("lamp", (0, 0, 0, 1), metallic=0.0, ior=1.0, emissive=(3, 2, 1), double_sided=True)
