@@ -26,7 +26,7 @@ from lightwell.scenes.scene import Scene
 from lightwell.scenes.variables import declare
 from lightwell.transport.light_vertices import SharedLamps
 from lightwell.transport.queries import make_query
-from lightwell.transport.radiance import first_reflection
+from lightwell.transport.radiance import begin_first_reflection
 from lightwell.transport.seen import draw_seen
 
 LAMPS, POINTS_PER_LAMP, PATHS, TRUE_PATHS = 128, 64, 32, 4096
@@ -57,7 +57,7 @@ def measure(scene: Scene, seed: int = 0) -> Noise:
     reflectance = make_query(scene, points, np.zeros(3, np.float32)).reflectance
     scale = np.maximum(reflectance, LEAST_REFLECTANCE)
     traced = lambda paths, seed, shared=None: np.stack(  # noqa: E731
-        first_reflection(scene, points, lamps[index], variable, paths, seed, shared)
+        begin_first_reflection(scene, points, lamps[index], variable, paths, seed, shared)()
     )
     a, b = traced(TRUE_PATHS, 1) / scale
     light = np.maximum((0.5 * (a + b)).mean(axis=1), 0)

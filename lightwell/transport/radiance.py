@@ -73,7 +73,7 @@ def indirect(
     return _traced(scene, points, limits, variable, light, report, recipe)
 
 
-def first_reflection(
+def begin_first_reflection(
     scene: Scene,
     points: SurfacePoints,
     light: np.ndarray,
@@ -81,11 +81,11 @@ def first_reflection(
     paths: int,
     seed: int,
     lamps: SharedLamps | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Trace the part of the indirect radiance that surfaces reflect which the light reaches in a straight line.
+) -> Begun:
+    """Begin to trace indirect radiance that surfaces reflect which the light reaches in a straight line.
 
     The points see these surfaces directly, or by mirrors, glass and holes. What is left is a final gather over the
-    indirect irradiance of surfaces (``radiosity``).
+    indirect irradiance of surfaces (``radiosity``). Paths are traced while the caller does other work.
 
     Args:
         scene: Scene to trace.
@@ -97,34 +97,8 @@ def first_reflection(
         lamps: The places of a point light that many points share, whose light rays then serve all of them.
 
     Returns:
-        Two independent means, [N, 3] float32 each; NaN where no path of a half is finite. Halves of points under the
-        same lamp share light rays.
-    """
-    return begin_first_reflection(scene, points, light, variable, paths, seed, lamps)()
-
-
-def begin_first_reflection(
-    scene: Scene,
-    points: SurfacePoints,
-    light: np.ndarray,
-    variable: Variable,
-    paths: int,
-    seed: int,
-    lamps: SharedLamps | None = None,
-) -> Begun:
-    """Begin ``first_reflection``: paths are traced while the caller does other work.
-
-    Args:
-        scene: Scene to trace.
-        points: N points.
-        light: [N, 3] positions of the declared light, metres (directions to the sun).
-        variable: What the declared light is.
-        paths: Paths per point, even, ≥ 2.
-        seed: Seed of the paths.
-        lamps: The places of a point light that many points share.
-
-    Returns:
-        Waits for the two means.
+        Waits for two independent means, [N, 3] float32 each; NaN where no path of a half is finite. Halves of points
+        under the same lamp share light rays.
     """
     limits = PathSettings(paths, seed, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True)
     return _begun(scene, points, limits, variable, np.asarray(light, np.float32), None, lamps=lamps)

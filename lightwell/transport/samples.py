@@ -97,18 +97,6 @@ class Query:
     def __getitem__(self, rows) -> Query:
         return type(self)(**{name: rows_of(values, rows) for name, values in columns_of(self).items()})
 
-    def in_runs(self, order: np.ndarray, length: int) -> Query:
-        """Take runs of neighbouring rows, in another order; several times as fast as row by row.
-
-        Args:
-            order: Numbers of runs.
-            length: Rows of a run; it divides N.
-
-        Returns:
-            The rows of these runs.
-        """
-        return type(self)(**{name: _in_runs(values, order, length) for name, values in columns_of(self).items()})
-
 
 @dataclass(frozen=True)
 class Samples:
@@ -157,8 +145,9 @@ class Samples:
         Returns:
             The rows of these runs.
         """
+        query = Query(**{name: _in_runs(values, order, length) for name, values in columns_of(self.query).items()})
         columns = {f.name: _in_runs(getattr(self, f.name), order, length) for f in fields(self) if f.name != "query"}
-        return type(self)(query=self.query.in_runs(order, length), **columns)
+        return type(self)(query=query, **columns)
 
 
 def _in_runs(values: np.ndarray, order: np.ndarray, length: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from lightwell.transport.light_vertices import SharedLamps
 from lightwell.transport.path_settings import PathSettings
 from lightwell.transport.paths import FIRST_DEPTH, RR_DEPTH
 from lightwell.transport.queries import frames
-from lightwell.transport.radiance import first_reflection, indirect, radiance_rows
+from lightwell.transport.radiance import begin_first_reflection, indirect, radiance_rows
 from lightwell.transport.radiosity import Radiosity
 from lightwell.transport.samples import columns_of
 from lightwell.transport.seen_shards import SPIKE, SPIKE_LEVEL, GatherSize, without_spikes
@@ -38,7 +38,7 @@ def estimate(traced, points, groups: int = 32):
 def test_without_mirrors_it_is_the_light_of_paths_of_two_segments(cornell):
     points = draw_surface(cornell, 32, 1, floor=2).points
     place = np.tile(np.float32([NEAR_A_WALL]), (32 * len(points), 1))
-    found = estimate(lambda p: first_reflection(cornell, p, place, LIGHT, 128, 3), points)
+    found = estimate(lambda p: begin_first_reflection(cornell, p, place, LIGHT, 128, 3)(), points)
     truth = estimate(lambda p: indirect(cornell, p, place, LIGHT, 128, 4, max_depth=3), points)
     passed, text = z_test(found - truth)
     assert passed, text
@@ -49,7 +49,7 @@ def by_shared_rays(scene, points, place, groups: int, seed: int, moved: float = 
     index = np.tile(np.arange(groups), len(points))
     lamps = SharedLamps(np.tile(np.float32([place]) + np.float32(moved), (groups, 1)), index, seed)
     light = np.tile(np.float32([place]), (len(index), 1))
-    return estimate(lambda p: first_reflection(scene, p, light, LIGHT, 64, seed, lamps), points, groups)
+    return estimate(lambda p: begin_first_reflection(scene, p, light, LIGHT, 64, seed, lamps)(), points, groups)
 
 
 def with_pane(_: Scene) -> Scene:
@@ -65,7 +65,7 @@ def test_shared_light_rays_bring_the_same_light(cornell, scene_of):
     points = draw_surface(scene, 48, 1, floor=2).points
     found = by_shared_rays(scene, points, NEAR_A_WALL, 32, 3)
     place = np.tile(np.float32([NEAR_A_WALL]), (32 * len(points), 1))
-    truth = estimate(lambda p: first_reflection(scene, p, place, LIGHT, 256, 4), points)
+    truth = estimate(lambda p: begin_first_reflection(scene, p, place, LIGHT, 256, 4)(), points)
     passed, text = z_test(found - truth)
     assert passed, text
     # Light rays of another place are caught.
@@ -82,18 +82,18 @@ def test_shared_light_rays_find_what_others_do_not():
     place = np.float32([0.5, 3.0, 0.5])
     light, index = np.tile(place, (len(points), 1)), np.arange(len(points))
     lamps = SharedLamps(light, index, 5)
-    truth = np.mean(first_reflection(scene, points, light, LIGHT, 4096, 6), axis=0)
+    truth = np.mean(begin_first_reflection(scene, points, light, LIGHT, 4096, 6)(), axis=0)
     error = lambda pair: float(np.mean((np.mean(pair, axis=0) - truth) ** 2))  # noqa: E731
-    own = error(first_reflection(scene, points, light, LIGHT, 32, 7))
+    own = error(begin_first_reflection(scene, points, light, LIGHT, 32, 7)())
     # Five seeds: 0.24 to 0.46.
-    assert error(first_reflection(scene, points, light, LIGHT, 32, 7, lamps)) < 0.6 * own
+    assert error(begin_first_reflection(scene, points, light, LIGHT, 32, 7, lamps)()) < 0.6 * own
 
 
 def test_rows_of_shared_lamps_do_not_depend_on_how_work_is_divided(cornell):
     points = draw_surface(cornell, 64, 1).points
     places = np.float32([NEAR_A_WALL, (0.3, 1.2, 0.1)])
     index = np.arange(len(points)) % 2
-    whole = first_reflection(cornell, points, places[index], LIGHT, 8, 3, SharedLamps(places, index, 9))
+    whole = begin_first_reflection(cornell, points, places[index], LIGHT, 8, 3, SharedLamps(places, index, 9))()
     settings = {"limits": asdict(PathSettings(8, 3, FIRST_DEPTH, RR_DEPTH, False, 1, past_mirrors=True))}
     settings |= {"variable": to_json(LIGHT), "lamp_seed": 9}
     part = slice(20, 50)
@@ -116,7 +116,7 @@ def test_mirrors_show_what_the_light_reaches(alpha):
     mean = lambda pair: float(np.mean(pair))  # noqa: E731
     straight = mean(indirect(scene, points, place, LIGHT, 256, 5, max_depth=3))
     mirrored = mean(indirect(scene, points, place, LIGHT, 1024, 6, max_depth=4))
-    found = mean(first_reflection(scene, points, place, LIGHT, 256, 7))
+    found = mean(begin_first_reflection(scene, points, place, LIGHT, 256, 7)())
     # More than what is seen directly, less than all light of two reflections.
     assert straight * 1.02 < found < mirrored
 
